@@ -237,7 +237,7 @@ def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
 def test_a_recording_that_is_too_large_is_dropped(
     engine: Engine, planned: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("guidefield.run.LARGEST_RECORDING", len(b"recording") - 1)
+    monkeypatch.setattr("guidefield.rendering.LARGEST_RECORDING", len(b"recording") - 1)
     reply = engine.answer(PLAN, record_to=tmp_path / "large.rrd")
     assert reply.recording is None
     assert any("at most 8 are kept" in warning for warning in reply.warnings)

@@ -14,8 +14,7 @@ from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, PointCloud, Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
 from guidefield.recorder.stored import read_recording
-from guidefield.rendering import Renderings, render_recording
-from guidefield.run import whole_recording
+from guidefield.rendering import Renderings, render_recording, whole_recording
 from guidefield.run_log import LARGE_BYTES, MAGIC
 from guidefield.stores.recordings import LOG, OBSTACLES, SCENE, KeptRecording, Recordings
 from guidefield.stores.robots import RobotStore

@@ -53,8 +53,7 @@ from guidefield.messages.scene import Obstacle, Scene as SceneMessage
 from guidefield.messages.scene_changes import RequestScene, SceneDiff, apply_change, copy_scene
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
-from guidefield.progress import ProgressReporter, Watcher
-from guidefield.run import Destination, Run
+from guidefield.run import Destination, ProgressReporter, Run, Watcher
 from guidefield.stores.by_user import Kind
 from guidefield.stores.recordings import PROOF, Recordings
 from guidefield.stores.robots import NoRobots, Robots

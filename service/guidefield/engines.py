@@ -31,8 +31,8 @@ from guidefield.messages.replies import Done, MotionReply, RobotsReply, ScenesRe
 from guidefield.messages.requests import ChangeScene, MotionRequest, PlanRequest, Request, StoreRobot, StoreScene
 from guidefield.messages.values import Reply
 from guidefield.pool.process import Call
-from guidefield.progress import Watcher
-from guidefield.run import LARGEST_RECORDING, whole_recording
+from guidefield.rendering import LARGEST_RECORDING, whole_recording
+from guidefield.run import Watcher
 from guidefield.stores.by_user import Kind, StoresByUser
 from guidefield.stores.runs import RunDatabase
 from guidefield.system import configure_logging

@@ -1,43 +1,143 @@
 """One run: its progress, its live view, its recording and proof; a failure to store these becomes a warning.
 
 `Run` is made by the engine; handlers call `record`, `prove`, and planners its observer. Nothing here may fail a plan.
+Progress is reported at every stage, and a few times a second at most; clearances are measured for reports, so with
+another `MIN_PERIOD_S` the best one of a run is another.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 
 import msgspec
 
-from guidefield.errors import UnknownObject, strip_path
-from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
-from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
-from guidefield.progress import ProgressReporter
+from guidefield.errors import strip_path
+from guidefield.messages import codec
+from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, Progress
+from guidefield.messages.requests import MotionRequest
+from guidefield.rendering import LARGEST_RECORDING, Drawing
 from guidefield.stores.recordings import Recordings
 from guidefield.versions import describe_versions
 from guidefield.whole_file import write_whole
 
 if TYPE_CHECKING:
     from guidefield.case_file import Motion
+    from guidefield.collision.world import World
     from guidefield.deadline import Deadline
     from guidefield.handlers.recording import RecordedMotion
-    from guidefield.planner.task.trace import Event, EventLog
-    from guidefield.recorder.stored import RecordingPlace
+    from guidefield.planner.task.trace import Event
     from guidefield.robot.group.group import PlanningGroup
+    from guidefield.robot.model.joints import Configuration
     from guidefield.run_log import RobotOrigin
     from guidefield.scene.anchor import Anchor
     from guidefield.scene.scene import Scene
 
-LARGEST_RECORDING = 512 * 2**20
-"""The largest recording or proof of a run that is stored, and the largest recording of a stream to be sent [bytes].
 
-docs/wire.md tells it by `endpoint/rules.py`: after a change, `tools/wire_page`.
-"""
+MIN_PERIOD_S = 0.2
+"""Shortest time between two reports within a stage [s]; a clearance takes a fraction of a millisecond."""
+
+
+class Watcher(Protocol):
+    """A client's link to a run: takes progress, and may cancel the run; `pool/process.py` `Call` is one."""
+
+    def is_cancelled(self) -> bool:
+        """Return whether the run is to end early."""
+
+    def is_listened_to(self) -> bool:
+        """Return whether anybody listens to progress; else nothing is measured."""
+
+    def tell(self, what: bytes) -> None:
+        """Take a Progress message as JSON."""
+
+    def be_prepared(self) -> None:
+        """Take note that robot and scene are loaded, and that the request checks its deadline itself from now on."""
+
+
+class ProgressReporter:
+    """Reports the progress of a run to a watcher."""
+
+    def __init__(self, run_id: str, received: float, watcher: Watcher) -> None:
+        self._run_id = run_id
+        self._received = received
+        self._watcher = watcher
+        self._reported_at = -math.inf
+        self._stage = "load"
+        self._preparing: str | None = None
+        self._plane: int | None = None
+        self._world: World | None = None
+        self._q: Configuration | None = None
+        self._clearance: float | None = None
+        self._best: float | None = None
+
+    def begin(self, group: PlanningGroup, scene: Scene) -> None:
+        """Set the moving joints and the scene."""
+        from guidefield.collision.world import World
+
+        self._world = World.build(group, scene)
+
+    def observe(self, event: Event) -> None:
+        """Take an event of the planner."""
+        from guidefield.planner.task import trace
+
+        match event:
+            case trace.StageEntered(name=name):
+                self._stage, self._plane, self._preparing = name, None, None
+                self._tell()
+            case trace.Step(q=q, plane=plane):
+                self._q, self._plane = q, plane
+                self._tell_if_due()
+
+    def be_prepared(self) -> None:
+        """Pass on that all is prepared."""
+        self._watcher.be_prepared()
+
+    def prepare(self, what: str) -> None:
+        """Report the part of the robot that is prepared now."""
+        self._preparing = what
+        self._tell()
+
+    def pass_time_and_ask(self) -> bool:
+        """Report if it is time, and return whether the run is cancelled."""
+        self._tell_if_due()
+        return self._watcher.is_cancelled()
+
+    def _tell_if_due(self) -> None:
+        if time.monotonic() - self._reported_at >= MIN_PERIOD_S:
+            self._tell()
+
+    def _tell(self) -> None:
+        self._reported_at = time.monotonic()
+        if not self._watcher.is_listened_to():
+            return
+        self._measure()
+        message = Progress(
+            run_id=self._run_id,
+            stage=self._stage,
+            plane=self._plane,
+            clearance=self._clearance,
+            best_clearance=self._best,
+            elapsed=self._reported_at - self._received,
+            preparing=self._preparing,
+        )
+        self._watcher.tell(codec.encode(message))
+
+    def _measure(self) -> None:
+        if self._world is None or self._q is None:
+            return
+        from guidefield.collision.clearance import clearance_at
+
+        distance = clearance_at(self._world, self._world.group.expand(self._q)).obstacle_distance
+        self._q = None
+        if math.isfinite(distance):
+            self._clearance = distance
+            self._best = distance if self._best is None else max(self._best, distance)
+
 
 _log = logging.getLogger(__name__)
 
@@ -212,68 +312,6 @@ class _Warnings:
     def add(self, text: str) -> None:
         _log.warning("run %s: %s", self._run_id, text)
         self.texts.append(text)
-
-
-def whole_recording(recordings: Recordings, run_id: str) -> bytes:
-    """Return the recording of a run as one file, with its robot's meshes.
-
-    Raises UnknownObject if the run has no recording, or not yet, or a damaged one; raises OSError if the disk refuses.
-    """
-    from guidefield.recorder.stored import self_contained
-
-    file = recordings.find(run_id)
-    try:
-        return self_contained(file, recordings.bodies_folder)
-    except (ValueError, KeyError, RuntimeError) as error:
-        _log.warning("the recording of run %s can't be read: %s", run_id, error)
-        raise UnknownObject(f"the recording of run {run_id!r} is damaged", run_id=run_id) from None
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """All that the recording of a run is drawn from."""
-
-    request: MotionRequest
-    reply: MotionReply
-    motion: RecordedMotion
-    events: EventLog
-    made_with: str  # versions of packages, as `describe_versions`
-    anchor: Anchor | None = None  # the point that positions of the motion are relative to; None: the world's origin
-
-    def write(self, file: Path, bodies: Path | None) -> str | None:
-        """Write the recording, with robots' meshes in a folder, or in itself; return why it isn't stored, if it isn't.
-
-        Raises OSError if the disk refuses.
-        """
-        from guidefield.recorder.bodies import cache_folder
-        from guidefield.recorder.stored import RecordingPlace
-
-        self.record(RecordingPlace(file, bodies or cache_folder(), whole=bodies is None))
-        size = file.stat().st_size
-        if size <= LARGEST_RECORDING:
-            return None
-        file.unlink()
-        return f"it has {size} bytes, at most {LARGEST_RECORDING} are kept"
-
-    def record(self, place: RecordingPlace) -> None:
-        """Record the run at a place."""
-        from guidefield.handlers.certify import JudgedMotion
-        from guidefield.recorder.documents import RecordedRun
-        from guidefield.recorder.recorder import record_judgement, record_plan
-
-        request, reply, motion = self.request, self.reply, self.motion
-        profile = motion.profile()
-        group, scene = motion.view()
-        if isinstance(request, PlanRequest):
-            assert isinstance(reply, PlanReply), "a plan was answered"
-            plan = RecordedRun(group, scene, request, reply, profile, self.made_with, self.anchor)
-            record_plan(place, plan, self.events)
-        else:
-            assert isinstance(request, CertifyRequest), "only plans and judgements are recorded"
-            assert isinstance(reply, CertifyReply), "a judgement was answered"
-            assert isinstance(motion, JudgedMotion), "a motion was judged"
-            judged = RecordedRun(group, scene, request, reply, profile, self.made_with, self.anchor)
-            record_judgement(place, judged, motion.conditions.motion, motion.conditions.planned)
 
 
 @dataclass(frozen=True)

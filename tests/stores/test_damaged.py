@@ -8,8 +8,8 @@ from guidefield.errors import RobotInvalid, SceneInvalid, UnknownObject
 from guidefield.handlers.robots import robots
 from guidefield.messages.requests import RobotFiles
 from guidefield.messages.scene import Box, Scene
+from guidefield.rendering import whole_recording
 from guidefield.robot.catalog import Catalog
-from guidefield.run import whole_recording
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore

@@ -39,7 +39,7 @@ from guidefield.messages.requests import MotionRequest
 from guidefield.messages.scene_changes import SceneChanged
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import BACKSTOP, Answer, Limits, Task, TimedAnswer, Waiting
-from guidefield.run import whole_recording
+from guidefield.rendering import whole_recording
 from guidefield.stores.by_user import Kind
 from guidefield.stores.files import checked_name
 from guidefield.stores.run_rows import NewRun

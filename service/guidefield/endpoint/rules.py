@@ -23,8 +23,8 @@ from guidefield.messages.values import LARGEST, LONGEST_TIME, MAX_URDF_CHARACTER
 from guidefield.pool.outbox import MAX_ANSWERS, MAX_CLIENT_BYTES, MAX_UNREAD_BYTES, USER_SHARE
 from guidefield.pool.process import MAX_SILENCE_S, MAX_WAITING_MESSAGES
 from guidefield.pool.waiting import BACKSTOP, STANDBY_WAIT_S, TRIAL_S, Limits
+from guidefield.rendering import LARGEST_RECORDING
 from guidefield.robot.mesh_files.sent_meshes import MAX_MESH_BYTES, MAX_MESHES
-from guidefield.run import LARGEST_RECORDING
 from guidefield.stores.robots import MAX_BYTES, MAX_ROBOTS
 from guidefield.stores.runs import Retention
 from guidefield.stream_worker import MAX_GOAL_SEARCHES

@@ -10,7 +10,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.engine import Engine
 from guidefield.messages.replies import PlanReply, Progress
-from guidefield.progress import ProgressReporter
+from guidefield.run import ProgressReporter
 
 REQUEST = msgspec.structs.replace(REQUESTS["demo-guide-planes"][1], run_id="watched")
 
@@ -68,7 +68,7 @@ def test_nothing_is_measured_for_progress_that_nobody_hears(engine: Engine, monk
 
 
 def test_the_clearance_told_is_that_of_a_step(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.progress.MIN_PERIOD_S", 0.0)
+    monkeypatch.setattr("guidefield.run.MIN_PERIOD_S", 0.0)
     asked: list[float] = []
 
     def overheard(world: World, q: Any) -> Any:
