@@ -28,24 +28,24 @@ def tools(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", SLICE)
 def test_a_file_of_the_catalog_is_read_as_assimp_reads_it(name: str) -> None:
-    from doubting.mesh_comparison import compare
+    from doubting.mesh_files import compare
 
     assert compare(catalog_share() / "example-robot-data" / "robots" / name) is None
 
 
 def test_a_part_that_is_lost_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from doubting import mesh_comparison
+    from doubting import mesh_files
     from tests.robot.mesh_files.written import obj_materials, part
 
     path = tmp_path / "m.obj"
     path.write_bytes(obj_materials([part((0, 0, 0), (1, 1, 1)), part((2, 0, 0), (1, 1, 1))]))
-    assert mesh_comparison.compare(path) is None
-    whole = mesh_comparison.read_mesh(path)
-    monkeypatch.setattr(mesh_comparison, "read_mesh", lambda _: whole._replace(triangles=whole.triangles[:12]))
-    assert mesh_comparison.compare(path) == "12 triangles are judged, Assimp reads 24"
+    assert mesh_files.compare(path) is None
+    whole = mesh_files.read_mesh(path)
+    monkeypatch.setattr(mesh_files, "read_mesh", lambda _: whole._replace(triangles=whole.triangles[:12]))
+    assert mesh_files.compare(path) == "12 triangles are judged, Assimp reads 24"
     moved = whole._replace(vertices=whole.vertices * (1.0, 1.0, 1.1))
-    monkeypatch.setattr(mesh_comparison, "read_mesh", lambda _: moved)
-    assert "differs: box by 0.1" in str(mesh_comparison.compare(path))
+    monkeypatch.setattr(mesh_files, "read_mesh", lambda _: moved)
+    assert "differs: box by 0.1" in str(mesh_files.compare(path))
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -158,17 +158,14 @@ def _held(rng: Rng) -> AttachedObject:
 def _plain(rng: Rng, kind: str, name: str, at: np.ndarray, quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Any:
     """A body of even sizes about a place [m, world]."""
     a, b, c = (float(rng.choice(SIZES)) for _ in range(3))
-    if kind == "sphere":
-        return messages.Sphere(name=name, radius=0.5 * a, position=tuple(at.tolist()))
     place: dict[str, Any] = {"name": name, "position": tuple(at.tolist()), "quaternion_xyzw": tuple(quaternion)}
-    if kind == "box":
-        return messages.Box(size=(4.0 * a, 4.0 * b, c), **place)
     if kind == "mesh":
         vertices, triangles = _solid(rng, 3.0 * a, 3.0 * b, c)
         return messages.Mesh(
             vertices=[tuple(v) for v in vertices.tolist()], triangles=[tuple(t) for t in triangles.tolist()], **place
         )
-    return (messages.Cylinder if kind == "cylinder" else messages.Capsule)(radius=a, length=b, **place)
+    size = (a if kind == "sphere" else 4.0 * a, 4.0 * b, c)
+    return scenery.primitive(kind, size, a, b, **place)
 
 
 def _beside(rng: Rng, kind: str, frame: Any, side: np.ndarray) -> Any:

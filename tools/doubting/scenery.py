@@ -56,11 +56,17 @@ def _primitive(rng: np.random.Generator, kind: str, size: float, place: dict[str
     if rng.random() < THIN:
         extents[rng.integers(3)] *= 10.0 ** rng.uniform(-4.0, 0.0)
     a, b, c = extents.tolist()
+    return primitive(kind, (a, b, c), 0.4 * a, b, **place)
+
+
+def primitive(kind: str, size: tuple[float, ...], radius: float, length: float, **place: Any) -> messages.Obstacle:
+    """A box of a size, or a cylinder or capsule of a radius and length [m]; a ball is as wide as the box."""
     if kind == "box":
-        return messages.Box(size=(a, b, c), **place)
+        return messages.Box(size=size, **place)
     if kind == "sphere":
-        return messages.Sphere(name=place["name"], radius=0.5 * a, position=place["position"])
-    return (messages.Cylinder if kind == "cylinder" else messages.Capsule)(radius=0.4 * a, length=b, **place)
+        place.pop("quaternion_xyzw", None)
+        return messages.Sphere(radius=0.5 * size[0], **place)
+    return (messages.Cylinder if kind == "cylinder" else messages.Capsule)(radius=radius, length=length, **place)
 
 
 def _polygon(rng: np.random.Generator, at: np.ndarray, size: float, place: dict[str, Any]) -> messages.Obstacle:
