@@ -1,17 +1,12 @@
-"""Other planners on the same problems, in the same run: OMPL, roboplan, pyroboplan.
+"""Other planners on the same problems, in the same run: OMPL and roboplan (`pip install -e .[bench]`).
 
-    pip install -e .[bench] && pip install --no-deps pyroboplan
-
-pyroboplan pins an older Pinocchio, so it can't be part of the extra; it runs on ours. OMPL has no robot: its checker is
-our exact world, through Pinocchio and Coal. roboplan reads the URDF itself. Each plans with its RRT-Connect, checks
-motions every `STEP`, and shortens what it found with its own simplifier.
+OMPL has no robot: its checker is our exact world, through Pinocchio and Coal. roboplan reads the URDF itself. Each
+plans with its RRT-Connect, checks motions every `STEP`, and shortens what it found with its own simplifier.
 """
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
-import io
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -206,46 +201,5 @@ def _add_obstacles(scene: Any, task: Task) -> None:
         scene.setCollisions(apart, False)
 
 
-def pyroboplan(task: Task) -> Answer:
-    """Bidirectional RRT-Connect and `shortcut_path`, in Python on our Pinocchio models."""
-    from pyroboplan.planning.path_shortcutting import shortcut_path
-    from pyroboplan.planning.rrt import RRTPlanner, RRTPlannerOptions
-
-    world, clock = task.world, _Clock()
-    group = world.group
-    options = RRTPlannerOptions(
-        max_step_size=STEP,
-        max_connection_dist=RANGE,
-        rrt_connect=True,
-        bidirectional_rrt=True,
-        max_planning_time=task.seconds,
-        rng_seed=SEED,
-    )
-    geometry = _listed_geometry(world)
-    planner = RRTPlanner(world.model, geometry, options)
-    ends = [group.expand_from_chart(z) for z in (task.start, task.goal)]
-    scene = clock()
-    with contextlib.redirect_stdout(io.StringIO()):
-        path = planner.plan(*ends)
-        plan = clock()
-        if not path:
-            return Answer(None, scene, plan, 0.0)
-        path = shortcut_path(world.model, geometry, path, max_step_size=STEP)
-    simplify = clock()
-    columns = [world.model.joints[world.model.getJointId(joint.name)].idx_q for joint in group.joints]
-    return Answer(np.array(path)[:, columns], scene, plan, simplify)
-
-
-SOLVERS: dict[str, Callable[[Task], Answer]] = {"ompl": ompl, "roboplan": roboplan, "pyroboplan": pyroboplan}
+SOLVERS: dict[str, Callable[[Task], Answer]] = {"ompl": ompl, "roboplan": roboplan}
 """By the name of their package."""
-
-
-def _listed_geometry(world: World) -> Any:
-    """A world as others take it: Pinocchio's geometry model of all bodies, with all pairs."""
-    geometry = world.group.geometry.copy()
-    for one in world.scene.obstacles:
-        geometry.addGeometryObject(pin.GeometryObject(f"obstacle/{one.name}", 0, one.placement, one.shape))
-    geometry.removeAllCollisionPairs()
-    for first, second in world.pairs.bodies(np.arange(len(world.pairs))).tolist():
-        geometry.addCollisionPair(pin.CollisionPair(first, second))
-    return geometry

@@ -27,6 +27,7 @@ import guidefield
 from doubting.compare import judge_of, names_of, planned_curve
 from doubting.loaded import Loaded
 from doubting.robots import Robot
+from doubting.scenery import turned
 from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.engine import Engine
@@ -158,7 +159,7 @@ def moving(rng: np.random.Generator, name: str) -> messages.Obstacle:
     while np.diff(times).min() < SLOWEST:
         times = np.sort(rng.uniform(0.0, LATEST, count))
     places = rng.uniform([-0.9, -0.9, 0.0], [0.9, 0.9, 1.1], (count, 3))
-    placements = [Placement(position=tuple(place.tolist()), quaternion_xyzw=turn(rng)) for place in places]
+    placements = [Placement(position=tuple(place.tolist()), quaternion_xyzw=turned(rng)) for place in places]
     return body(rng, name, places[0], messages.ObstacleTrajectory(times=times.tolist(), placements=placements))
 
 
@@ -168,18 +169,12 @@ def body(
     """A body of a random kind at a place (3,)."""
     size, place = rng.uniform(0.08, 0.35, 3), {"name": name, "position": tuple(at.tolist()), "trajectory": trajectory}
     kinds = [
-        lambda: messages.Box(size=tuple(size.tolist()), quaternion_xyzw=turn(rng), **place),
+        lambda: messages.Box(size=tuple(size.tolist()), quaternion_xyzw=turned(rng), **place),
         lambda: messages.Sphere(radius=0.5 * size[0], **place),
-        lambda: messages.Capsule(radius=0.3 * size[0], length=size[1], quaternion_xyzw=turn(rng), **place),
-        lambda: messages.Cylinder(radius=0.4 * size[0], length=size[1], quaternion_xyzw=turn(rng), **place),
+        lambda: messages.Capsule(radius=0.3 * size[0], length=size[1], quaternion_xyzw=turned(rng), **place),
+        lambda: messages.Cylinder(radius=0.4 * size[0], length=size[1], quaternion_xyzw=turned(rng), **place),
     ]
     return kinds[int(rng.integers(len(kinds)))]()
-
-
-def turn(rng: np.random.Generator) -> Any:
-    """A random rotation."""
-    quaternion = rng.normal(size=4)
-    return tuple((quaternion / np.linalg.norm(quaternion)).tolist())
 
 
 def touches(loaded: Loaded, drawn: Drawn, reply: PlanReply) -> bool:
