@@ -46,7 +46,7 @@ def bodies(message: messages.Obstacle) -> list[Body]:
     """The shapes of an obstacle; a cloud has one for each point."""
     if type(message) in MAKERS:
         return MAKERS[type(message)](message)
-    return [Body(shape_of(msgspec.to_builtins(message)).exact, pin.SE3.Identity())]
+    return [Body(shape_of(msgspec.to_builtins(message, enc_hook=float)).exact, pin.SE3.Identity())]
 
 
 def frame(message: messages.Obstacle) -> Any:
@@ -57,7 +57,7 @@ def frame(message: messages.Obstacle) -> Any:
 
 
 def se3(placement: Placement) -> Any:
-    return placement_of(msgspec.to_builtins(placement))
+    return placement_of(msgspec.to_builtins(placement, enc_hook=float))
 
 
 def frames_at(message: messages.Obstacle, times: np.ndarray) -> list[Any]:
