@@ -15,10 +15,10 @@ from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 from guidefield.client import questions
-from guidefield.client.client import GIVE_UP_WITHIN, Client, connect_exchange
+from guidefield.client.client import GIVE_UP_WITHIN, Client
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import Question
-from guidefield.client.shown_runs import ShownRuns, choose_viewer
+from guidefield.client.session import ShownRuns, choose_viewer, connect_exchange
 from guidefield.client.stream_link import Answer, StreamLink
 from guidefield.client.streams import END_WITHIN, StreamFacts
 from guidefield.errors import GuidefieldError

@@ -6,7 +6,6 @@ Names and arguments of methods are public. A new method asks a question of `ques
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -15,12 +14,10 @@ from typing import Any, Literal, Self, TypeVar
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange, await_answer
 from guidefield.client.questions import Question
-from guidefield.client.session import build_config, explain_no_link, has_link, open_session, read_user
-from guidefield.client.shown_runs import ShownRuns, choose_viewer
+from guidefield.client.session import ShownRuns, choose_viewer, connect_exchange
 from guidefield.client.streams import ServiceStream
-from guidefield.errors import GuidefieldError, NoService
+from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
-from guidefield.messages.identities import check_user
 from guidefield.messages.kinematics import KinematicsReply
 from guidefield.messages.replies import (
     AnyRunReply,
@@ -39,7 +36,6 @@ from guidefield.messages.scene_changes import SceneChanged
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # must be `DEFAULT_LISTEN` of `endpoint/link.py`, which clients don't have
 GIVE_UP_WITHIN = 2.0  # time to wait for the answer to a cancel when the caller is being interrupted [s]
 
 _R = TypeVar("_R")
@@ -451,23 +447,3 @@ class Client:
 
     def _ask(self, question: Question[_R]) -> _R:
         return question.read(await_answer(self._exchange.ask(question)))
-
-
-def connect_exchange(
-    endpoints: tuple[str, ...], instance: str | None, config: Path | None, user: str | None, wait: float
-) -> Exchange:
-    """Connect an exchange to a service; raises as `Client.connect`."""
-    deadline = time.monotonic() + wait
-    where = (DEFAULT_ENDPOINT,) if not endpoints and config is None else endpoints
-    settings = build_config(where, config)
-    asking = check_user(user) if user is not None else read_user(settings)
-    exchange = Exchange(open_session(settings, deadline), instance, asking)
-    try:
-        exchange.await_instance(deadline - time.monotonic())
-    except BaseException as error:
-        alone = isinstance(error, NoService) and not has_link(exchange.session)
-        exchange.close()
-        if alone:
-            raise explain_no_link(settings, "there is no link to any of them") from None
-        raise
-    return exchange

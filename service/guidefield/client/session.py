@@ -1,27 +1,56 @@
-"""Open a client's Zenoh session, which connects to the given endpoints only, and explain why it has no link.
+"""Connect a client: open its Zenoh session, to the given endpoints only, or explain why it has no link; show its runs.
 
 `RETRY` decides how soon a cut link is back, before the service gives the client up (`endpoint/under_way.py` `GRACE`).
+Recordings of runs are fetched and sent to a Rerun viewer in a thread of its own; what fails there is logged, and never
+reaches the caller.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import re
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 from itertools import chain
 from pathlib import Path
 
 import zenoh
 
-from guidefield.errors import NoService, strip_source
+from guidefield.client import questions
+from guidefield.client.exchange import Exchange, await_answer
+from guidefield.errors import GuidefieldError, NoService, strip_source
 from guidefield.messages.identities import PLAIN, check_user
+from guidefield.messages.replies import MotionReply
+from guidefield.viewer import CannotShow, find_viewer, send_recording
 
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # must be `DEFAULT_LISTEN` of `endpoint/link.py`, which clients don't have
 RETRY_PERIOD = 0.05  # time between two attempts to find a service [s]
 TCP_PROTOCOLS = ("tcp", "tls", "ws")  # protocols of Zenoh that run over TCP
 CONNECT_TIMEOUT = 1.0  # time that an endpoint has to accept a TCP connection [s]
 RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5}
 """Periods of attempts to restore a cut link, unless the configuration gives its own."""
+
+
+def connect_exchange(
+    endpoints: tuple[str, ...], instance: str | None, config: Path | None, user: str | None, wait: float
+) -> Exchange:
+    """Connect an exchange to a service; raises as `Client.connect`."""
+    deadline = time.monotonic() + wait
+    where = (DEFAULT_ENDPOINT,) if not endpoints and config is None else endpoints
+    settings = build_config(where, config)
+    asking = check_user(user) if user is not None else read_user(settings)
+    exchange = Exchange(open_session(settings, deadline), instance, asking)
+    try:
+        exchange.await_instance(deadline - time.monotonic())
+    except BaseException as error:
+        alone = isinstance(error, NoService) and not has_link(exchange.session)
+        exchange.close()
+        if alone:
+            raise explain_no_link(settings, "there is no link to any of them") from None
+        raise
+    return exchange
 
 
 def open_session(settings: zenoh.Config, deadline: float) -> zenoh.Session:
@@ -109,3 +138,44 @@ def build_config(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Confi
     for scouting in ("multicast", "gossip"):
         settings.insert_json5(f"scouting/{scouting}/enabled", "false")
     return settings
+
+
+_log = logging.getLogger(__name__)
+
+
+def choose_viewer(show: bool | str) -> str | None:
+    """Return the address of the viewer that a caller asks for: this machine's, another one's, or None.
+
+    Raises:
+        CannotShow: if there is none on this machine, and none can be started.
+    """
+    return find_viewer(print) if show is True else show or None
+
+
+class ShownRuns:
+    """Shows one run after the other, in a thread of its own.
+
+    Args:
+        exchange: What the recordings are asked over.
+        viewer: Address of a running viewer; None: nothing is shown.
+    """
+
+    def __init__(self, exchange: Exchange, viewer: str | None) -> None:
+        self._exchange, self._viewer = exchange, viewer
+        self._showing = ThreadPoolExecutor(1, "guidefield-viewer")
+
+    def add(self, reply: object) -> None:
+        """Show the run of a reply, if it is recorded, once those before it are shown."""
+        if self._viewer is not None and isinstance(reply, MotionReply) and reply.recording is not None:
+            self._showing.submit(self._show, reply.run_id, self._viewer)
+
+    def close(self) -> None:
+        """Wait until all runs are shown."""
+        self._showing.shutdown()
+
+    def _show(self, run_id: str, viewer: str) -> None:
+        try:
+            question = questions.recording(run_id)
+            send_recording(question.read(await_answer(self._exchange.ask(question))), viewer)
+        except (CannotShow, GuidefieldError, OSError) as error:
+            _log.warning("run %s isn't shown: %s", run_id, error)

@@ -106,7 +106,7 @@ def close_sockets_at_once() -> None:
 
 
 LOOPBACK = "127.0.0.1"  # address of this machine alone, on which nobody else reaches a service
-DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"  # default endpoint of a service: `DEFAULT_ENDPOINT` of `client/client.py`, too
+DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"  # default endpoint of a service: `DEFAULT_ENDPOINT` of `client/session.py`, too
 KEY = "guidefield-doctor/answer"  # of the test query
 TIMEOUT_S = 5.0  # time-out of the test query, and of connecting [s]
 
