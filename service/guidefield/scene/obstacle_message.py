@@ -1,10 +1,10 @@
 """Read an obstacle's message: its numbers, listed or packed, its hashes and its motion; put the obstacle elsewhere.
 
 Built obstacles, scenes and files on disk are found again by these hashes. A kind of obstacle that may have very many
-numbers belongs in `_GEOMETRY` (and in `_parts`), so that they are hashed only once; one that
-isn't `messages.Placed` needs a function in `_POSED`. A motion has placements at times, with a screw from each to the
-next, and rests before and after. Proofs bound distances by its speeds, so these may be larger, never smaller; the
-referee has this motion, too, by code of its own.
+numbers belongs in `_GEOMETRY` (and in `_parts`), so that they are hashed only once; one that isn't `messages.Placed`
+needs a function in `_POSED`. A motion has placements at times, with a screw from each to the next, and rests before and
+after. Proofs bound distances by its speeds, so these may be larger, never smaller; the referee has this motion, too, by
+code of its own.
 """
 
 from __future__ import annotations

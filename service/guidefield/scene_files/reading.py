@@ -23,7 +23,7 @@ from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import MAX_VERTICES, Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.mesh_files.reading import content_of, find_ignored_unit, read_mesh, read_objects, up_axis
-from guidefield.robot.mesh_files.three_mf import UNITS
+from guidefield.robot.mesh_files.xml_formats import UNITS
 from guidefield.robot.mjcf_compilation import body_names, compile_file, import_mujoco, is_mjcf, named
 from guidefield.robot.mjcf_conversion import find_colliding, rest_configuration
 from guidefield.robot.urdf.meshes import MESH_SUFFIXES

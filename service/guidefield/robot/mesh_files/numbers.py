@@ -1,16 +1,23 @@
-"""Helpers for readers of mesh files: checked numbers, XML, polygons cut into triangles, instances placed.
+"""Helpers for readers of mesh files: checked numbers, polygons cut into triangles, instances placed.
 
-Files are untrusted: limits below bound what a reader collects, and XML opens nothing else. Messages of `MeshFault`
-continue a sentence that begins with the file's name.
+Files are untrusted: limits here bound what a reader collects. Messages of `MeshFault` continue a sentence that begins
+with the file's name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mapbox_earcut
 import numpy as np
+
+MAX_TRIANGLES = 20_000_000
+"""A file with nodes (COLLADA, glTF, 3MF) of more triangles, instances counted, is refused: nested instances can double
+with each level. Those of other kinds are bounded by the file's size."""
+
+MAX_DEPTH = 1_000  # a deeper nesting of nodes is refused
+MAX_NODES = 100_000  # a file of more nodes, instances counted, is refused
 
 AREA_TOLERANCE = 1e-9  # triangles fill a simple polygon to this share of its area
 
@@ -124,33 +131,6 @@ class Objects(NamedTuple):
     firsts: tuple[tuple[str, int], ...] = ()
 
 
-Element = Any  # an element of lxml, for which there are no types
-
-STRICT_XML = {
-    "resolve_entities": False,
-    "no_network": True,
-    "load_dtd": False,
-    "huge_tree": True,
-    "remove_comments": True,
-}
-"""Options of a parser of XML that opens nothing else."""
-
-
-def local_name(named: Element | str) -> str:
-    """Return the name of an element or attribute without its namespace."""
-    return str(named if isinstance(named, str) else named.tag).rpartition("}")[2]
-
-
-def children(element: Element, tag: str) -> list[Element]:
-    """Return the children of a local name."""
-    return [child for child in element if local_name(child) == tag]
-
-
-def child_of(element: Element, tag: str) -> Element | None:
-    """Return the first child of a local name."""
-    return next(iter(children(element, tag)), None)
-
-
 def triangulate_strip(corners: np.ndarray) -> np.ndarray:
     """Return the triangles (t, 3) of a strip of corners (n,), every second one turned round."""
     rows = np.column_stack([corners[:-2], corners[1:-1], corners[2:]])
@@ -192,13 +172,6 @@ def _is_number(word: bytes) -> bool:
     except ValueError:
         return False
     return True
-
-
-MAX_TRIANGLES = 20_000_000
-"""A file with nodes (COLLADA, glTF, 3MF) of more triangles, instances counted, is refused: nested instances can double
-with each level. Those of other kinds are bounded by the file's size."""
-MAX_DEPTH = 1_000  # a deeper nesting of nodes is refused
-MAX_NODES = 100_000  # a file of more nodes, instances counted, is refused
 
 
 class Collected:

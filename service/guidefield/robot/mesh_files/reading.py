@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.geometry.closed import compact
-from guidefield.robot.mesh_files.collada import read_collada, read_unit, read_up_axis
 from guidefield.robot.mesh_files.gltf import beside, buffer_files, read_gltf
 from guidefield.robot.mesh_files.numbers import (
     MeshFault,
@@ -26,7 +25,14 @@ from guidefield.robot.mesh_files.numbers import (
     triangulate,
 )
 from guidefield.robot.mesh_files.ply import read_ply
-from guidefield.robot.mesh_files.three_mf import UNITS, read_stated_unit, read_three_mf
+from guidefield.robot.mesh_files.xml_formats import (
+    UNITS,
+    read_collada,
+    read_collada_unit,
+    read_collada_up_axis,
+    read_three_mf,
+    read_three_mf_unit,
+)
 
 FARTHEST_VERTEX = 1e4
 """No vertex may be farther than this from its link along an axis [m]: a larger link is a mistake in its units."""
@@ -160,20 +166,20 @@ def companions(path: Path) -> list[str]:
 
 def unit_of(path: Path) -> float:
     """Return the length of the unit by which a file's numbers become metres; 1 for all kinds but COLLADA."""
-    return read_unit(content_of(path)) if path.suffix.lower() == ".dae" else 1.0
+    return read_collada_unit(content_of(path)) if path.suffix.lower() == ".dae" else 1.0
 
 
 def up_axis(path: Path) -> str:
     """Return the axis that is up in a file: y of glTF, as stated of COLLADA, else z; `read_mesh` doesn't turn it."""
     kind, content = _kind_and_content(path)
-    return read_up_axis(content) if kind == ".dae" else "y" if kind in (".gltf", ".glb") else "z"
+    return read_collada_up_axis(content) if kind == ".dae" else "y" if kind in (".gltf", ".glb") else "z"
 
 
 def find_ignored_unit(path: Path) -> str | None:
     """Return the name of a unit other than metres that a file states and that isn't applied, as 3MF files do."""
     if path.suffix.lower() != ".3mf":
         return None
-    unit = read_stated_unit(content_of(path))
+    unit = read_three_mf_unit(content_of(path))
     return unit if UNITS[unit] != 1.0 else None
 
 

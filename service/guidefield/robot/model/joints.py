@@ -10,8 +10,8 @@ numbers; a continuous joint, a ball joint or a joint that follows another tells 
                                                |
                                                +----------expand_chart-->  ModelChartPoint
 
-`PlanningGroup` has these doors. Each type is an ndarray whose last axis is named after its space: a ChartPoint is no
-Configuration, and several points are not a single one. A copy keeps its space, and so does what NumPy makes like
+These are methods of `PlanningGroup`. Each type is an ndarray whose last axis is named after its space: a ChartPoint is
+no Configuration, and several points are not a single one. A copy keeps its space, and so does what NumPy makes like
 another array. What arithmetic, an index or a loop yields has no named axis: it fits everywhere, and the function that
 returns or takes it says its space. Where NumPy's own type says too much, as of a new array, and where two spaces share
 their numbers, `typing.cast` names the space. At run time all are plain arrays.

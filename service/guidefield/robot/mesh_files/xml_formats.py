@@ -1,33 +1,67 @@
-"""Read COLLADA files: the geometry of the visual scene, instances at their nodes, in metres by the file's unit.
+"""Read the mesh formats in XML, COLLADA and 3MF: meshes placed by the nodes, or components, that refer to them.
 
-The axis that is said to be up isn't turned, as in RViz and MoveIt: a URDF places the file's own frame.
+COLLADA: the visual scene, in metres by the file's unit. The axis that is said to be up isn't turned, as in RViz and
+MoveIt: a URDF places the file's own frame. 3MF: the objects of the <build>. As other tools for robots have it, their
+numbers are metres, with the `scale` of the URDF: a file's own unit, which is millimetres by default, is reported in a
+warning; files of scenes are scaled by it (`scene_files/reading.py`). The names are the formats', so `UNITS` has to be
+right. Files are untrusted: XML opens nothing else (`STRICT_XML`), and `MAX_PART_BYTES` bounds what is unpacked.
 """
 
 from __future__ import annotations
 
+import io
 import math
+import posixpath
+import zipfile
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from lxml import etree
 
 from guidefield.robot.mesh_files.numbers import (
-    STRICT_XML,
     Collected,
-    Element,
     MeshFault,
     Objects,
     Triangles,
     check_indices,
-    child_of,
-    children,
     floats,
     integers,
-    local_name,
     triangulate,
     triangulate_strip,
     triangulate_with_holes,
 )
+
+Element = Any  # an element of lxml, for which there are no types
+
+MAX_PART_BYTES = 2**30  # an unpacked part of more bytes is refused
+THREE_MF_START = "3D/3dmodel.model"
+THREE_MF_START_KIND = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
+
+STRICT_XML = {
+    "resolve_entities": False,
+    "no_network": True,
+    "load_dtd": False,
+    "huge_tree": True,
+    "remove_comments": True,
+}
+"""Options of a parser of XML that opens nothing else."""
+
+
+def local_name(named: Element | str) -> str:
+    """Return the name of an element or attribute without its namespace."""
+    return str(named if isinstance(named, str) else named.tag).rpartition("}")[2]
+
+
+def children(element: Element, tag: str) -> list[Element]:
+    """Return the children of a local name."""
+    return [child for child in element if local_name(child) == tag]
+
+
+def child_of(element: Element, tag: str) -> Element | None:
+    """Return the first child of a local name."""
+    return next(iter(children(element, tag)), None)
 
 
 def read_collada(content: bytes) -> Objects:
@@ -35,7 +69,7 @@ def read_collada(content: bytes) -> Objects:
 
     MeshFault if it isn't COLLADA, is malformed, names something that isn't there, or has a geometry that is no mesh.
     """
-    document = _Document(_root(content))
+    document = _ColladaDocument(_collada_root(content))
     collected = Collected()
     for geometry, placement in document.instances(collected.visit):
         collected.add(document.mesh(geometry), placement)
@@ -43,9 +77,9 @@ def read_collada(content: bytes) -> Objects:
     return objects if unit == 1.0 else objects._replace(vertices=objects.vertices * unit)
 
 
-def read_up_axis(content: bytes) -> str:
+def read_collada_up_axis(content: bytes) -> str:
     """Return the axis that a COLLADA file says to be up, `x`, `y` or `z`, else y; MeshFault if it is another."""
-    asset = child_of(_root(content), "asset")
+    asset = child_of(_collada_root(content), "asset")
     stated = None if asset is None else child_of(asset, "up_axis")
     axis = "Y_UP" if stated is None else (stated.text or "").strip()
     if axis not in ("X_UP", "Y_UP", "Z_UP"):
@@ -53,9 +87,9 @@ def read_up_axis(content: bytes) -> str:
     return axis[0].lower()
 
 
-def read_unit(content: bytes) -> float:
+def read_collada_unit(content: bytes) -> float:
     """Return the length of a COLLADA file's unit [m]; MeshFault if it isn't positive."""
-    return collada_unit(_root(content))
+    return collada_unit(_collada_root(content))
 
 
 def collada_unit(root: Element) -> float:
@@ -72,7 +106,7 @@ def collada_unit(root: Element) -> float:
     return length
 
 
-def _root(content: bytes) -> Element:
+def _collada_root(content: bytes) -> Element:
     try:
         root = etree.fromstring(content, etree.XMLParser(**STRICT_XML))
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -82,7 +116,7 @@ def _root(content: bytes) -> Element:
     return root
 
 
-class _Document:
+class _ColladaDocument:
     def __init__(self, root: Element) -> None:
         self.root = root
         self._named = {element.get("id"): element for element in root.iter(etree.Element) if element.get("id")}
@@ -95,7 +129,7 @@ class _Document:
         while pending:
             node, above, depth = pending.pop()
             visit(depth, node.get("name") or node.get("id", ""))
-            placement, below = above @ _placement(node), []
+            placement, below = above @ _node_placement(node), []
             for child in node:
                 match local_name(child):
                     case "instance_geometry":
@@ -273,7 +307,7 @@ PRIMITIVES: dict[str, Callable[[Element, np.ndarray, Outline], np.ndarray]] = {
 """Functions to triangles (t, 3) by kind of primitive; other kinds are left out."""
 
 
-def _placement(node: Element) -> np.ndarray:
+def _node_placement(node: Element) -> np.ndarray:
     """Return the affine map of a node's transformations, in their order, shape (4, 4)."""
     placement = np.eye(4)
     for child in node:
@@ -342,3 +376,106 @@ TRANSFORMS: dict[str, Callable[[Element], np.ndarray]] = {
     "translate": _translate,
 }
 """Functions to the affine map (4, 4) by kind of transformation."""
+
+
+def read_three_mf(content: bytes) -> Objects:
+    """Read a 3MF file, by its objects; MeshFault if it is no archive, is malformed, or names what isn't in it."""
+    package = _Package(content)
+    collected = Collected()
+    build = child_of(package.model(package.start), "build")
+    items = [] if build is None else children(build, "item")
+    pending = [(package.start, item, np.eye(4), 0) for item in reversed(items)]
+    while pending:
+        part, reference, above, depth = pending.pop()
+        named = next((value for key, value in reference.attrib.items() if local_name(key) == "path"), None)
+        part = part if named is None else named.lstrip("/")
+        found = package.object(part, reference.get("objectid", ""))
+        collected.visit(depth, found.get("name", ""))
+        placement = above @ _item_placement(reference)
+        if (mesh := child_of(found, "mesh")) is not None:
+            collected.add(_object_mesh(mesh), placement)
+        components = child_of(found, "components")
+        below = [] if components is None else children(components, "component")
+        pending += [(part, component, placement, depth + 1) for component in reversed(below)]
+    return collected.objects()
+
+
+def read_three_mf_unit(content: bytes) -> str:
+    """Return the unit that a 3MF file states, a key of `UNITS`; MeshFault if it is malformed, or states another one."""
+    package = _Package(content)
+    unit = package.model(package.start).get("unit", "millimeter")
+    if unit not in UNITS:
+        raise MeshFault(f"states the unit {unit!r}; one is {', '.join(UNITS)}")
+    return str(unit)
+
+
+class _Package:
+    def __init__(self, content: bytes) -> None:
+        try:
+            self._archive = zipfile.ZipFile(io.BytesIO(content))
+        except zipfile.BadZipFile as error:
+            raise MeshFault(f"is no 3MF archive: {error}") from None
+        self._models: dict[str, Element] = {}
+        self._objects: dict[str, dict[str, Element]] = {}
+        self.start = self._start()
+
+    def _start(self) -> str:
+        if "_rels/.rels" not in self._archive.namelist():
+            return THREE_MF_START
+        for one in children(self._xml("_rels/.rels"), "Relationship"):
+            if one.get("Type") == THREE_MF_START_KIND:
+                return posixpath.normpath(str(one.get("Target", THREE_MF_START)).lstrip("/"))
+        return THREE_MF_START
+
+    def model(self, part: str) -> Element:
+        if part not in self._models:
+            self._models[part] = self._xml(part)
+            resources = child_of(self._models[part], "resources")
+            objects = [] if resources is None else children(resources, "object")
+            self._objects[part] = {one.get("id", ""): one for one in objects}
+        return self._models[part]
+
+    def object(self, part: str, number: str) -> Element:
+        self.model(part)
+        if number not in self._objects[part]:
+            raise MeshFault(f"names the object {number!r}, which is not in it")
+        return self._objects[part][number]
+
+    def _xml(self, part: str) -> Element:
+        try:
+            if self._archive.getinfo(part).file_size > MAX_PART_BYTES:
+                raise MeshFault(f"unpacks to more than {MAX_PART_BYTES} bytes")
+            return etree.fromstring(self._archive.read(part), etree.XMLParser(**STRICT_XML))
+        except KeyError:
+            raise MeshFault(f"is no 3MF file: it has no part {part!r}") from None
+        except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError) as error:
+            raise MeshFault(f"can't be unpacked: {error}") from None
+        except etree.XMLSyntaxError as error:
+            raise MeshFault(f"has a part {part!r} that is not XML: {error}") from None
+
+
+def _object_mesh(mesh: Element) -> Triangles:
+    rows = [one for group in children(mesh, "vertices") for one in children(group, "vertex")]
+    faces = [one for group in children(mesh, "triangles") for one in children(group, "triangle")]
+    vertices = floats(_write_elements(rows, ("x", "y", "z")), "vertices").reshape(-1, 3)
+    triangles = integers(_write_elements(faces, ("v1", "v2", "v3")), "triangles").reshape(-1, 3)
+    check_indices(triangles.reshape(-1), len(vertices))
+    return vertices, triangles
+
+
+def _write_elements(elements: list[Element], attributes: tuple[str, ...]) -> bytes:
+    words = [one.get(attribute, "") for one in elements for attribute in attributes]
+    if not all(word.strip() for word in words):
+        raise MeshFault(f"has a <{local_name(elements[0])}> without {', '.join(attributes)}")
+    return " ".join(words).encode()
+
+
+def _item_placement(reference: Element) -> np.ndarray:
+    """Return the affine map of an item or component, shape (4, 4): the file has it transposed, for rows."""
+    placement = np.eye(4)
+    if (text := reference.get("transform")) is not None:
+        values = floats(text.encode(), "transform")
+        if len(values) != 12:
+            raise MeshFault(f"has a transform of {len(values)} numbers, not 12")
+        placement[:3] = values.reshape(4, 3).T
+    return placement
