@@ -131,7 +131,7 @@ class Endpoint:
         setup: Of the engines.
         engines: Answer requests that need no worker.
         runs: All runs that are kept.
-        pool: Answers the other requests; jobs are `worker.Job`.
+        pool: Answers the other requests; jobs are `engines.Job`.
         streams: All streams that are open.
         publish: Publishes JSON on a key.
         trace: Begins the trace of each query.

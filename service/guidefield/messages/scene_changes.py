@@ -143,7 +143,7 @@ MOST_CHANGES = 100_000
 MAX_SINGLE_DELETIONS = 64
 """Up to this number, deleting obstacles one by one is faster than making a new list of thousands."""
 MAX_VERSIONS = 16
-"""The number of newest versions of a stored scene that can be read; `served.py`, clients and docs/scenes.md tell it."""
+"""The number of newest versions of a stored scene that can be read; keys.py, clients and docs/scenes.md tell it."""
 
 Added = Annotated[list[Obstacle], msgspec.Meta(max_length=MOST_CHANGES)]
 Moved = Annotated[dict[Name, Placement], msgspec.Meta(max_length=MOST_CHANGES)]

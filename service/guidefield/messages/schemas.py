@@ -17,15 +17,7 @@ import msgspec
 from guidefield.messages import replies, requests
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneChanged, SceneDiff
-from guidefield.messages.stream_requests import (
-    StreamAim,
-    StreamAimed,
-    StreamJudge,
-    StreamJudged,
-    StreamReply,
-    StreamsReply,
-)
-from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.stream_requests import StreamMessage
 
 MESSAGES: tuple[type[msgspec.Struct], ...] = (
     requests.PlanRequest,
@@ -35,20 +27,11 @@ MESSAGES: tuple[type[msgspec.Struct], ...] = (
     Scene,
     SceneDiff,
     SceneChanged,
-    StreamOpen,
-    StreamUpdate,
-    StreamAim,
-    StreamJudge,
-    Piece,
-    StreamState,
-    StreamReply,
-    StreamAimed,
-    StreamJudged,
-    StreamsReply,
+    *StreamMessage.__args__,
 )
 """All messages that have a schema in `info` and docs/wire.schema.json.
 
-Requests and replies come with their unions; any other message is added here.
+Requests, replies and messages about streams come with their unions; any other message is added here.
 """
 
 _MEANING = re.compile(r"^ {4}(\w+(?:, \w+)*): (.*)$")

@@ -1,8 +1,8 @@
 """Requests and replies about open streams, and their keys, `streams/<id>/...`; streams.py has motions and updates.
 
-Chunks of keys and names of fields are the wire. A further query needs its answer in `endpoint/streams.py`, its line in
-served.py and its messages in schemas.py, too. Docstrings of messages are in docs/wire.md and the schemas: after a
-change, `tools/wire_page`.
+Chunks of keys and names of fields are the wire. A further query needs its messages here, in `StreamMessage`, too, a row
+in `KEYS` of keys.py, a way through `endpoint/streams.py`, and its answer in stream_worker.py. Docstrings of messages
+are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Literal
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.keys import Query, refuse_key, require_no_payload, require_parameters
-from guidefield.messages.streams import StreamGoal, StreamOpen, StreamState
+from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Message, Reply, require_finite_number
 
 STREAMS = "streams"
@@ -208,3 +208,17 @@ class StreamsReply(Reply):
     streams: list[str]
     most: int
     schema: int = 1
+
+
+StreamMessage = (
+    StreamOpen
+    | StreamUpdate
+    | StreamAim
+    | StreamJudge
+    | Piece
+    | StreamState
+    | StreamReply
+    | StreamAimed
+    | StreamJudged
+    | StreamsReply
+)
