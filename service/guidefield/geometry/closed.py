@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers, extents
-from guidefield.kernels.cover.merge_points import lowest_connected, merge_points, swept_pairs, write_planes
+from guidefield.kernels.cover.mesh_cleaning import lowest_connected, merge_points, swept_pairs, write_planes
 from guidefield.kernels.distance.triangle_rows import count_ways, number_edges, triangle_boxes
 from guidefield.kernels.distance.winding import signed_volume
 

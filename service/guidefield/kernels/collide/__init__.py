@@ -1,1 +1,1 @@
-"""Collision tests at sixteen configurations and along motions, distances by GJK, and the tables of bodies for both."""
+"""Collision tests at sixteen configurations and along motions, of swept capsules too, distances by GJK, and tables."""

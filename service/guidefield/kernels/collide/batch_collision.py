@@ -61,7 +61,7 @@ def _put_first(hits: Integers, body: int, o: int, ball: int, last: int) -> None:
 
 
 @lane_part
-def _met_again(world: LaneWorld, clearance: float) -> bool:
+def _meets_again(world: LaneWorld, clearance: float) -> bool:
     """Tell if one of the inner balls that met an obstacle lately meets the same again."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, hits = scratch.poses, bodies.inner, scratch.hits
@@ -77,7 +77,7 @@ def _met_again(world: LaneWorld, clearance: float) -> bool:
 
 
 @lane_part
-def _met_inside(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> bool:
+def _meets_inside(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> bool:
     """`_inner_meets` where it is known whether the obstacle is a cloud."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
@@ -94,12 +94,12 @@ def _inner_meets(world: LaneWorld, body: int, o: int, near: int, clearance: floa
     """Tell if a ball inside a body meets an obstacle in any of some lanes."""
     obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
-        return bool(_met_inside(world, True, body, o, near, clearance))
-    return bool(_met_inside(world, False, body, o, near, clearance))
+        return bool(_meets_inside(world, True, body, o, near, clearance))
+    return bool(_meets_inside(world, False, body, o, near, clearance))
 
 
 @lane_part
-def _near_obstacles(world: LaneWorld, clearance: float, likely: bool) -> int:
+def _list_near_obstacles(world: LaneWorld, clearance: float, likely: bool) -> int:
     """Write pairs of body and obstacle whose bounding balls meet; how many, -1 if an inner ball is in an obstacle."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, centres, found, bounds, n = scratch.poses, scratch.centres, scratch.found, bodies.bounds, obstacles.size
@@ -137,7 +137,7 @@ def _near_obstacles(world: LaneWorld, clearance: float, likely: bool) -> int:
 
 
 @lane_part
-def _met_by_cover(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> int:
+def _meets_by_cover(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> int:
     """`_cover_meets` where it is known whether the obstacle is a cloud."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, joint, covers = scratch.poses, bodies.joints[body], bodies.covers
@@ -161,12 +161,12 @@ def _cover_meets(world: LaneWorld, body: int, o: int, near: int, clearance: floa
     """The lanes of some where a ball of a body's cover meets an obstacle."""
     obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
-        return int(_met_by_cover(world, True, body, o, near, clearance))
-    return int(_met_by_cover(world, False, body, o, near, clearance))
+        return int(_meets_by_cover(world, True, body, o, near, clearance))
+    return int(_meets_by_cover(world, False, body, o, near, clearance))
 
 
 @lane_part
-def _undecided_obstacles(world: LaneWorld, clearance: float, count: int) -> int:
+def _keep_undecided(world: LaneWorld, clearance: float, count: int) -> int:
     """Keep of `count` near pairs those that the bodies' covers can't tell apart; how many."""
     scratch = world.scratch
     found, kept = scratch.found, 0
@@ -180,7 +180,7 @@ def _undecided_obstacles(world: LaneWorld, clearance: float, count: int) -> int:
 
 
 @lane_part
-def _near_pairs(world: LaneWorld, count: int) -> int:
+def _add_near_pairs(world: LaneWorld, count: int) -> int:
     """Add the robot's own near pairs to the `count` found before; how many, or -1 if cells say that some touch."""
     bodies, scratch = world.bodies, world.scratch
     coordinates = world.block
@@ -219,14 +219,14 @@ def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
     coordinates = world.block
     found = scratch.found
     lane_placements(joints, coordinates, scratch.poses)
-    if likely and _met_again(world, clearance):
+    if likely and _meets_again(world, clearance):
         return True
     place_carriers(bodies, scratch)
-    count = _near_obstacles(world, clearance, likely)
+    count = _list_near_obstacles(world, clearance, likely)
     if count < 0:
         return True
-    count = _undecided_obstacles(world, clearance, count)
-    count = _near_pairs(world, count)
+    count = _keep_undecided(world, clearance, count)
+    count = _add_near_pairs(world, count)
     for entry in range(count):
         at = FOUND * entry
         body, other, mask = found[at + BODY], found[at + OBSTACLE], found[at + MASK]

@@ -84,7 +84,7 @@ from guidefield.kernels.simd.vector import (
 
 
 @intrinsic
-def _gathered(typing: Any, pointer: Any, places: Any) -> Any:
+def _gather(typing: Any, pointer: Any, places: Any) -> Any:
     """The sixteen floats at places, which are whole numbers held as floats."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -100,7 +100,7 @@ def _gathered(typing: Any, pointer: Any, places: Any) -> Any:
 
 
 @lane_step(boolean(CLOUD_TABLES, f32x16, f32x16, f32x16, f32x16, int64))
-def _ask(cloud: LaneCloud, places: Vector, x: Vector, y: Vector, z: Vector, lanes: int) -> bool:
+def _fill_cells(cloud: LaneCloud, places: Vector, x: Vector, y: Vector, z: Vector, lanes: int) -> bool:
     """Fill the cells of some lanes, by their places and middles; 0 says that a cell is empty, so that none gets it."""
     while lanes:
         k = first_lane(lanes)
@@ -127,10 +127,10 @@ def cloud_near(cloud: LaneCloud, x: Vector, y: Vector, z: Vector, reach: float, 
     k = smallest_of(largest_of(rint((z - numbers[2]) * per), zero), splat(float(cloud.layers - 1)))
     places = (i * float(cloud.rows) + j) * float(cloud.layers) + k
     u, v, w = i * size + numbers[0], j * size + numbers[1], k * size + numbers[2]
-    known = _gathered(cells, places)
+    known = _gather(cells, places)
     unknown = near & below(known, splat(1e-30))
-    if unknown and _ask(cloud, places, u, v, w, unknown):
-        known = _gathered(cells, places)
+    if unknown and _fill_cells(cloud, places, u, v, w, unknown):
+        known = _gather(cells, places)
     dx, dy, dz = x - u, y - v, z - w
     off = root(dx * dx + dy * dy + dz * dz)
     near &= below(known - off, splat(reach))

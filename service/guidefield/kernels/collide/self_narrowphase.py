@@ -208,7 +208,7 @@ _TURN = 6.283185307179586
 
 
 @lane_step(int64(ALONE, int64, int64, int64, int64, int64))
-def _judged_first(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int) -> int:
+def _judge_largest(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int) -> int:
     """Judge one of a grid's largest cells when it is met first: as many of them together, or by itself."""
     bodies = robot.bodies
     grids, cells, place = bodies.grids, bodies.cells, GRID_PLACES * meeting
@@ -224,7 +224,7 @@ def _judged_first(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift:
 
 
 @intrinsic
-def _added(typing: Any, numbers: Any, amount: Any) -> Any:  # noqa: ARG001 - numba's
+def _add_atomically(typing: Any, numbers: Any, amount: Any) -> Any:  # noqa: ARG001 - numba's
     """Add to the first of some int32 at once for all threads; what it was before."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:  # noqa: ARG001 - numba's
@@ -242,7 +242,7 @@ def _claim(cells: Any, amount: int, size: int) -> int:
     """
     if cells[0] + amount > size:
         return -1
-    first = _added(cells, amount)
+    first = _add_atomically(cells, amount)
     return first if first + amount <= size else -1
 
 
@@ -258,7 +258,7 @@ def _find_verdict(robot: LaneAlone, meeting: int, chosen: int) -> int:
         known = int(cells[at])
         if known == UNJUDGED:
             if at == largest:
-                known = _judged_first(robot, meeting, a, b, c, shift)
+                known = _judge_largest(robot, meeting, a, b, c, shift)
             else:
                 known = judge_cell(robot, meeting, a, b, c, shift, BAND)
             if known == UNKNOWN and shift > 0:
@@ -325,7 +325,7 @@ CELL = GRID_SIDES + 1
 
 
 @lane_step(boolean(ALONE, int64, int64, INTEGER_POINTER))
-def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
+def _is_always_apart(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
     """Tell if a meeting's bodies keep apart in all of its grid, as far as its cells tell; others are halved."""
     grids, place = robot.bodies.grids, GRID_PLACES * meeting
     largest, longest = grids[place + LEVELS] * grids[place + DIVIDED], 0
@@ -371,7 +371,7 @@ def never_touching(words: Indices, most: int, stack: IndicesOut, never_out: Trut
     for meeting in range(len(never_out)):
         first, past = pairs_of(robot.bodies, meeting)
         gridded = robot.bodies.grids[GRID_PLACES * meeting + COUNT] > 0
-        never_out[meeting] = gridded and _never(robot, meeting, most // (past - first), pointers(stack))
+        never_out[meeting] = gridded and _is_always_apart(robot, meeting, most // (past - first), pointers(stack))
 
 
 @lane_step(int64(ALONE, int64, int64, int64, int64, int64, int64))

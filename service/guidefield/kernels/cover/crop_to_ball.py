@@ -166,7 +166,7 @@ def _voxels(
 
 
 @inner_kernel
-def _needed(boxes: Rows, ends: Rows, centre: Row, radius: float, slack: float) -> TruthsOut:
+def _find_needed(boxes: Rows, ends: Rows, centre: Row, radius: float, slack: float) -> TruthsOut:
     """Tell which voxels may hold what is nearest to a place in a ball, shape (m,), by what `_voxels` returns."""
     count = boxes.shape[0]
     needed, every, some = np.zeros(count, np.bool_), np.arange(count), np.empty(count, np.int64)
@@ -220,6 +220,6 @@ def crop_to_ball(vertices: Rows, corners: IndexRows, centre: Row, radius: float,
                 high[k] = max(high[k], 0.5 * (box[k] + box[3 + k]))
     voxel_of = np.empty(n, np.int64)
     boxes, ends = _voxels(vertices, corners, low, high, chosen_out, voxel_of)
-    needed = _needed(boxes, ends, centre, radius, slack)
+    needed = _find_needed(boxes, ends, centre, radius, slack)
     for i in range(n):
         chosen_out[i] = chosen_out[i] and needed[voxel_of[i]]

@@ -8,16 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.kernels.jit.arrays import (
-    Blocks,
-    Floats,
-    IndexRows,
-    IndexRowsOut,
-    Indices,
-    IndicesOut,
-    Row,
-    Rows,
-)
+from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, IndexRowsOut, Indices, IndicesOut, Row, Rows
 from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 
 _PARALLEL = 1e-12  # edges whose normals have a smaller cross product don't meet

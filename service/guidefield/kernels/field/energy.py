@@ -45,7 +45,7 @@ def nothing(zero: Any) -> Any:
 
 
 @inlined
-def gathered(sums: Any, x: Any, y: Any, z: Any, gx: Any, gy: Any, gz: Any, s: Any) -> Any:
+def _add_point(sums: Any, x: Any, y: Any, z: Any, gx: Any, gy: Any, gz: Any, s: Any) -> Any:
     """Sums of a joint with points added: force -g, its moment, and the inertia of curvature s.
 
     Inertia: total, first moments, second moments xx xy xz yy yz zz.
@@ -65,7 +65,7 @@ def give(sums: Any, joint: int, sign: float, wrenches: Floats, inertias: Floats)
     """Add a joint's summed lanes to its spatial force and inertia.
 
     Args:
-        sums: As `gathered` has them.
+        sums: As `_add_point` has them.
         joint: Which joint.
         sign: 1, or -1 for what is repelled.
         wrenches: Forces and moments, shape (n, 6); added to.
@@ -237,7 +237,7 @@ def _field_forces(
             for i in range(first, past, step):
                 w = select(lane < past - i, load(weights, i), 0.0)
                 U += w * load(phi, i)
-                sums = gathered(
+                sums = _add_point(
                     sums, load(x, i), load(y, i), load(z, i), w * load(gx, i), w * load(gy, i), w * load(gz, i),
                     w * load(curvature, i),
                 )  # fmt: skip
@@ -276,7 +276,7 @@ def _repulsion(
         store(of_y, i, load(of_y, i) + gy)
         store(of_z, i, load(of_z, i) + gz)
         store(curvatures, i, load(curvatures, i) + curvature)
-        sums = gathered(sums, X, Y, Z, w * gx, w * gy, w * gz, w * curvature)
+        sums = _add_point(sums, X, Y, Z, w * gx, w * gy, w * gz, w * curvature)
     give(sums, other, -1.0, wrenches, inertias)
     if robot.point_joints[first] == 0:
         give(sums, 0, 1.0, wrenches, inertias)

@@ -261,7 +261,7 @@ SHARE, REACHED, TRIAL = range(3)
 
 
 @inlined
-def _retracted(
+def _retract(
     mover: Any, constraint: Any, settings: Any, origin: Floats, q: Floats, alpha: float, room: Any, there: Any
 ) -> bool:
     """The configuration along v, brought back onto the constraint and into the limits; whether that succeeds."""
@@ -369,7 +369,7 @@ def descend(
             return ENDED
         verdict, reached = _REFUSED, 0.0
         while verdict == _REFUSED and alpha > 0.5**_TRIALS:
-            if _retracted(mover, constraint, settings, tables.origin, here.q, alpha, room, there):
+            if _retract(mover, constraint, settings, tables.origin, here.q, alpha, room, there):
                 verdict, reached = _take(
                     mover, robot, tables, swept, bodies, guard, settings, z0, z1, U, alpha, slope, there, counts_out
                 )

@@ -114,7 +114,7 @@ def _refuse(record: Any, q0: Floats, q1: Floats) -> None:
 
 
 @inlined
-def _advanced(
+def _advance(
     mover: Any, swept: Any, bodies: Any, settings: Any, rounds: Any, q: Floats, tip: Vector3, to: Vector3,
     distance: float, row: int, record: Any,
 ) -> float:  # fmt: skip
@@ -215,7 +215,7 @@ def approach(
             return ARRIVED
         first = row
         total[REFUSED] = 0
-        moved = _advanced(mover, swept, bodies, settings, rounds, here, tip, to, distance, row, record_out)
+        moved = _advance(mover, swept, bodies, settings, rounds, here, tip, to, distance, row, record_out)
         if moved == 0.0:
             return BLOCKED
         arrived = moved >= distance - rounds.on_plane

@@ -37,7 +37,7 @@ FIRST = (
     "cover.cut_halves",
     "cover.enclosing_ball",
     "cover.inscribed",
-    "cover.merge_points",
+    "cover.mesh_cleaning",
     "cover.pieces",
     "distance.distance",
     "distance.polygons",

@@ -73,7 +73,7 @@ def trace(joints: JointTable, subspaces: Floats, inertias: Floats, scratch: Floa
 
 
 @inlined
-def _felt(A: Floats, S: Floats, first: int, size: int, ridge: float, U: Floats, D: Floats) -> None:
+def _project_inertia(A: Floats, S: Floats, first: int, size: int, ridge: float, U: Floats, D: Floats) -> None:
     """U = A S of a joint's tangents, and D = S^T U + ridge 1, what they feel."""
     for k in range(first, first + size):
         for r in range(6):
@@ -109,7 +109,7 @@ def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) 
     for i in range(n - 1, 0, -1):
         A, B, D = factors.inertias[i], factors.inertias[joints.parents[i]], factors.inverses[i]
         first, size = joints.idx_v[i], joints.nv[i]
-        _felt(A, factors.subspaces, first, size, ridge, factors.carried, D)
+        _project_inertia(A, factors.subspaces, first, size, ridge, factors.carried, D)
         invert(D, size)
         for r in range(6):
             for c in range(6):

@@ -168,7 +168,7 @@ def rotation_of(x: Any, y: Any, z: Any, w: Any) -> tuple[Vector, ...]:
 
 
 @lane_part
-def _turned(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple[Vector, ...]:
+def _turn(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple[Vector, ...]:
     """Rotation, row by row, of a joint that turns about a point: that it starts from, then its rotation vector's."""
     vx, vy, vz = points_at(coordinates, at)
     ex, ey, ez, ew = quaternion_of_vector(vx, vy, vz)
@@ -198,7 +198,7 @@ def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Fl
         none, one = splat(0.0), splat(1.0)
         R = (cosine, -sine, none, sine, cosine, none, none, none, one)
     else:
-        R = _turned(numbers, base, coordinates, at)
+        R = _turn(numbers, base, coordinates, at)
     for r in range(3):
         r0, r1, r2, t = _row_at(poses_out, there + r * ROW, numbers, base)
         p0, p1, p2 = row_times(r0, r1, r2, R)

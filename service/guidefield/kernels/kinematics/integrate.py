@@ -57,7 +57,7 @@ MOVER = numba_type(Mover)
 
 
 @inlined
-def _carried(q: Floats, at: int, t: Vector3, w: Vector3, q_out: Floats) -> None:
+def _carry(q: Floats, at: int, t: Vector3, w: Vector3, q_out: Floats) -> None:
     """Move a position at an index by exp(t, w) in the frame of the quaternion (x, y, z, w) that stands behind it."""
     square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     angle = math.sqrt(square)
@@ -78,7 +78,7 @@ def _carried(q: Floats, at: int, t: Vector3, w: Vector3, q_out: Floats) -> None:
 
 
 @inlined
-def _turned_unit(q: Floats, at: int, w: Vector3, q_out: Floats) -> None:
+def _turn_unit(q: Floats, at: int, w: Vector3, q_out: Floats) -> None:
     """Turn the quaternion at an index by a rotation vector of its own frame, and make it a unit again."""
     turned(q, w, at, q_out)
     square = q_out[at] ** 2 + q_out[at + 1] ** 2 + q_out[at + 2] ** 2 + q_out[at + 3] ** 2
@@ -88,7 +88,7 @@ def _turned_unit(q: Floats, at: int, w: Vector3, q_out: Floats) -> None:
 
 
 @inlined
-def _turned_pair(q: Floats, at: int, angle: float, q_out: Floats) -> None:
+def _turn_pair(q: Floats, at: int, angle: float, q_out: Floats) -> None:
     """Turn cosine and sine at an index, and make them a unit again."""
     c, s = math.cos(angle), math.sin(angle)
     x, y = c * q[at] - s * q[at + 1], s * q[at] + c * q[at + 1]
@@ -107,7 +107,7 @@ def integrate(mover: Mover, q: Row, v: Row, q_out: RowOut) -> None:
             q_out[at] = q[at] + a
             continue
         if kind == CONTINUOUS:
-            _turned_pair(q, at, a, q_out)
+            _turn_pair(q, at, a, q_out)
             continue
         b = mover.factors[r + 1] * v[mover.leaders[r + 1]]
         c = mover.factors[r + 2] * v[mover.leaders[r + 2]]
@@ -121,17 +121,17 @@ def integrate(mover: Mover, q: Row, v: Row, q_out: RowOut) -> None:
                 q[at] + q[at + 2] * px - q[at + 3] * py,
                 q[at + 1] + q[at + 3] * px + q[at + 2] * py,
             )
-            _turned_pair(q, at + 2, c, q_out)
+            _turn_pair(q, at + 2, c, q_out)
         elif kind == SPHERICAL:
-            _turned_unit(q, at, (a, b, c), q_out)
+            _turn_unit(q, at, (a, b, c), q_out)
         else:
             w = (
                 mover.factors[r + 3] * v[mover.leaders[r + 3]],
                 mover.factors[r + 4] * v[mover.leaders[r + 4]],
                 mover.factors[r + 5] * v[mover.leaders[r + 5]],
             )
-            _carried(q, at, (a, b, c), w, q_out)
-            _turned_unit(q, at + 3, w, q_out)
+            _carry(q, at, (a, b, c), w, q_out)
+            _turn_unit(q, at + 3, w, q_out)
 
 
 @kernel

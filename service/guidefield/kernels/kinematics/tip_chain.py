@@ -40,7 +40,7 @@ class TipChain(NamedTuple):
 
 
 @inlined
-def _fixed_after(pose: Any, fixed: Floats) -> Any:
+def _append_fixed(pose: Any, fixed: Floats) -> Any:
     """A placement, row by row, with a fixed one after it."""
     a, b, c, x, d, e, f, y, g, h, i, z = pose
     a, b, c, x = row_after(a, b, c, x, fixed, 0)
@@ -105,7 +105,7 @@ def tip_pose(chain: TipChain, zs: Floats, columns_out: Floats) -> Any:
                 store(columns_out, at + 5 * LANES, i)
                 pose = (a, b, c, x + c * value, d, e, f, y + f * value, g, h, i, z + i * value)
             at += COLUMN
-        pose = _fixed_after(pose, chain.placements[k])
+        pose = _append_fixed(pose, chain.placements[k])
     return pose
 
 

@@ -240,8 +240,8 @@ def add_hessians(model: ClearanceModel, scratch: Floats, blocks_out: Floats) -> 
 
 
 @uncounted
-def _moved_at(model: ClearanceModel, s: int, points: Floats, move_out: Floats) -> None:
-    """Return how far a motion has moved at a place of a model, shape (nv,)."""
+def _write_move(model: ClearanceModel, s: int, points: Floats, move_out: Floats) -> None:
+    """Write how far a motion has moved at a place of a model, shape (nv,)."""
     k, basis = model.pieces[s], model.basis[s]
     move_out[:] = 0.0
     for a in range(4):
@@ -290,7 +290,7 @@ def expanded_value(model: ClearanceModel, points: Floats, step: float, begin: fl
         for p in range(nv):
             total += model.gradient[i, p] * (points[i, p] - model.points[i, p])
     for s in range(model.places):
-        _moved_at(model, s, points, move)
+        _write_move(model, s, points, move)
         total = _bend(model, s, move, slope, total)
     return total + _by_times(model, points, step, begin)[0]
 
@@ -317,7 +317,7 @@ def expanded(
             gradient_out[i, p] = model.gradient[i, p] + longer * model.border[0, i, p] + later * model.border[1, i, p]
     move, slope = scratch[:nv], scratch[nv : 2 * nv]
     for s in range(model.places):
-        _moved_at(model, s, points, move)
+        _write_move(model, s, points, move)
         total = _bend(model, s, move, slope, total)
         add_gradient(model.pieces[s], model.basis[s], 1.0, slope, gradient_out)
     of_times, by_u, by_begin = _by_times(model, points, step, begin)

@@ -216,7 +216,7 @@ KEPT_SAMPLES = numba_type(KeptSamples)
 
 
 @inlined
-def _placed_from(kept: KeptSamples, s: int, points: Floats, measured: Measured) -> int:
+def _place_from(kept: KeptSamples, s: int, points: Floats, measured: Measured) -> int:
     """Place the frames at the samples from one on, one for each lane; how many samples that are."""
     count: int = min(LANES, kept.pieces.shape[0] - s)
     for lane in range(LANES):
@@ -265,7 +265,7 @@ def constraint_penalty(kept: KeptSamples, points: Floats) -> float:
         return total
     measured = room_to_measure(kept.frames)
     for s in range(0, kept.pieces.shape[0], LANES):
-        for lane in range(_placed_from(kept, s, points, measured)):
+        for lane in range(_place_from(kept, s, points, measured)):
             total += _cheapest(kept, s + lane, measured, lane)[0]
     weight: float = kept.weight / kept.pieces.shape[0]
     return 0.5 * weight * total
@@ -291,7 +291,7 @@ def add_constraint_penalty(kept: KeptSamples, points: Floats, gradient_out: Floa
     row, slope, hessian, scratch = np.empty(nv), np.empty(nv), np.empty((nv, nv)), np.empty(4 * nv)
     weight: float = kept.weight / kept.pieces.shape[0]
     for s in range(0, kept.pieces.shape[0], LANES):
-        for lane in range(_placed_from(kept, s, points, measured)):
+        for lane in range(_place_from(kept, s, points, measured)):
             at = s + lane
             cost, chosen = _cheapest(kept, at, measured, lane)
             total += cost

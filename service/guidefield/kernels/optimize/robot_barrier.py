@@ -193,7 +193,7 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
         Sum of the weighted barriers.
     """
     total = 0.0
-    links = _placed_links(robot, work)
+    links = _place_links(robot, work)
     for k in range(robot.pairs.shape[0]):
         g, other, reach = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
         x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
@@ -217,13 +217,13 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
                 value, slope, curvature = barrier(d, reach, robot.size)
                 w = share * robot.weights[i] * (robot.groups[g, PAST] - first) / (last - first)
                 total += w * value
-                _row(robot, robot.groups[g, JOINT], robot.link_joints[other], p, (nx, ny, nz), work)
-                _add(w * slope, w * curvature, work)
+                _write_row(robot, robot.groups[g, JOINT], robot.link_joints[other], p, (nx, ny, nz), work)
+                _add_distance(w * slope, w * curvature, work)
     return total
 
 
 @uncounted
-def _placed_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
+def _place_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
     """The links' bodies where they are in the world; only for what doesn't count references either."""
     t, moved = robot.links, work.links
     return DistanceTables(
@@ -232,7 +232,7 @@ def _placed_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
 
 
 @uncounted
-def _row(robot: SampledRobot, joint: int, other: int, p: Vector3, n: Vector3, work: Workspace) -> None:
+def _write_row(robot: SampledRobot, joint: int, other: int, p: Vector3, n: Vector3, work: Workspace) -> None:
     """Gradient of the distance of a point that moves with a joint, along n, to what moves with another."""
     parents, idx_v, S = robot.joints.table.parents, robot.joints.table.idx_v, work.joints.twists
     m = (p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0])
@@ -247,7 +247,7 @@ def _row(robot: SampledRobot, joint: int, other: int, p: Vector3, n: Vector3, wo
 
 
 @uncounted
-def _add(slope: float, curvature: float, work: Workspace) -> None:
+def _add_distance(slope: float, curvature: float, work: Workspace) -> None:
     """Add a distance's share to gradient and Hessian; of a long chain only few joints are between two links."""
     first, past = 0, work.row.shape[0]
     while first < past and work.row[first] == 0.0:
@@ -265,7 +265,7 @@ def _add(slope: float, curvature: float, work: Workspace) -> None:
 @uncounted
 def _pair_distances(robot: SampledRobot, work: Workspace, distances_out: Floats) -> None:
     """`pair_distances` of a robot that is placed."""
-    links = _placed_links(robot, work)
+    links = _place_links(robot, work)
     for k in range(robot.pairs.shape[0]):
         g, other, best = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
         T = work.joints.poses[robot.groups[g, JOINT]]

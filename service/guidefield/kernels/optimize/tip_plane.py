@@ -43,7 +43,7 @@ TIP_PLANE = numba_type(TipPlane)
 
 
 @inlined
-def _missed(place: TipPlane, tip: Floats, missed_out: Floats) -> float:
+def _write_misses(place: TipPlane, tip: Floats, missed_out: Floats) -> float:
     """Return what a tip misses the plane and its edges by, shape (k,); the sum of the squares."""
     square = 0.0
     for r in range(place.heights.shape[0]):
@@ -79,7 +79,7 @@ def nearest_crossing(
         frame_positions(place.tip, zs, tips)
         least = 0
         for k in range(SAMPLES):
-            squares[k] = _missed(place, tips[k], missed)
+            squares[k] = _write_misses(place, tips[k], missed)
             least = k if squares[k] < squares[least] else least
         if squares[SAMPLES // 2] == 0.0:
             return float(at[SAMPLES // 2])
@@ -134,7 +134,7 @@ def add_crossing(
     spline_slopes(points, where, slope)
     frame_positions(place.tip, z, tip)
     frame_slopes(place.tip, z[0], of_tip)
-    square = _missed(place, tip[0], missed)
+    square = _write_misses(place, tip[0], missed)
     gradient, passed, along = np.zeros(nv), np.zeros(nv), crossing * crossing
     for r in range(k):
         if r > 0 and missed[r] == 0.0:

@@ -32,7 +32,7 @@ _SMALL_ANGLE = 0.1  # below this angle a rate is its series [rad]
 
 
 @lane_part
-def _rounded(x: Any) -> Any:
+def _round(x: Any) -> Any:
     return (x + _ROUNDING) - _ROUNDING
 
 
@@ -43,7 +43,7 @@ def _cosine_and_sine_64(angle: Any) -> tuple[Any, Any]:
     The angle is reduced to an eighth of a turn about a multiple of a quarter; there sine and cosine are the Cephes
     library's polynomials (S. Moshier).
     """
-    quarters = _rounded(angle * _PER_QUARTER)
+    quarters = _round(angle * _PER_QUARTER)
     r = angle - quarters * _QUARTER_HIGH
     r = r - quarters * _QUARTER_MIDDLE
     r = r - quarters * _QUARTER_LOW
@@ -60,7 +60,7 @@ def _cosine_and_sine_64(angle: Any) -> tuple[Any, Any]:
     c = c * u - 1.38888888888730564116e-3
     c = c * u + 4.16666666666665929218e-2
     c = 1.0 - 0.5 * u + u * u * c
-    turned = quarters - 4.0 * _rounded(0.25 * quarters)
+    turned = quarters - 4.0 * _round(0.25 * quarters)
     odd, half = magnitude(turned) == 1.0, magnitude(turned) == 2.0
     sine, cosine = select(odd, c, s), select(odd, s, c)
     return (select(half | (turned == 1.0), -1.0 * cosine, cosine), select(half | (turned == -1.0), -1.0 * sine, sine))

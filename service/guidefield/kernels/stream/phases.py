@@ -248,20 +248,20 @@ def _ending_at(q: float, v: float, a: float, u: float, goal: float, piece: float
 
 
 @lane_part
-def _lasts(v: float, a: float, u: float, most: float, jerk: float) -> float:
+def _duration(v: float, a: float, u: float, most: float, jerk: float) -> float:
     """Return how long the quickest change of velocity lasts [s]; see `_change`."""
     _, first, hold, last = _change(v, a, u, most, jerk)
     return first + hold + last
 
 
 @lane_part
-def _softest(v: float, a: float, u: float, most: float, jerk: float, time: float) -> float:
+def _find_softest(v: float, a: float, u: float, most: float, jerk: float, time: float) -> float:
     """The least share of acceleration and jerk that changes a velocity within a time [s], and never beyond v and u."""
     low, high = 0.0, 1.0
     for _ in range(SOFTENINGS):
         share = 0.5 * (low + high)
         beyond = v + 0.5 * a * abs(a) / (share * jerk)
-        if min(v, u) <= beyond <= max(v, u) and _lasts(v, a, u, max(abs(a), share * most), share * jerk) <= time:
+        if min(v, u) <= beyond <= max(v, u) and _duration(v, a, u, max(abs(a), share * most), share * jerk) <= time:
             high = share
         else:
             low = share
@@ -269,7 +269,7 @@ def _softest(v: float, a: float, u: float, most: float, jerk: float, time: float
 
 
 @lane_part
-def _softened(
+def _soften(
     state: Floats, u: float, lasts: float, slowest: float, limits: Floats, lower: float, upper: float
 ) -> tuple[float, float]:
     """Limits of acceleration and jerk with which a change of velocity lasts as long as the slowest one [s].
@@ -277,14 +277,14 @@ def _softened(
     They stay unchanged where the end wouldn't keep `lower` and `upper`; `lasts` is infinite until u is reached.
     """
     q, v, a = state[0], state[1], state[2]
-    share = _softest(v, a, u, limits[1], limits[2], slowest)
+    share = _find_softest(v, a, u, limits[1], limits[2], slowest)
     soft, slow = max(abs(a), share * limits[1]), share * limits[2]
     end = _end_of(q, v, a, u, lasts if math.isfinite(lasts) else 0.0, soft, slow)
     return (soft, slow) if lower <= end <= upper else (limits[1], limits[2])
 
 
 @lane_part
-def _write(
+def _write_change(
     state: Floats, u: float, lasts: float, most: float, jerk: float, phases: Floats, count: int, begin: float
 ) -> tuple[int, float]:
     """Write the phases of a change of velocity and the state at its end; their count then, and when the last ends [s].
@@ -354,13 +354,13 @@ def piece_and_braking(
         slowest = 0.0
         for k in range(count):
             u = wanted[k] if part == 0 else 0.0
-            slowest = max(slowest, _lasts(now[k, 1], now[k, 2], u, limits[k, 1], limits[k, 2]))
+            slowest = max(slowest, _duration(now[k, 1], now[k, 2], u, limits[k, 1], limits[k, 2]))
         for k in range(count):
             u, lasts = (wanted[k], piece) if part == 0 else (0.0, math.inf)
             most, jerk = limits[k, 1], limits[k, 2]
             if not math.isfinite(goals[k]):
-                most, jerk = _softened(now[k], u, lasts, slowest, limits[k], lower[k], upper[k])
-            counts[k], begun[k] = _write(now[k], u, lasts, most, jerk, phases[k], counts[k], begun[k])
+                most, jerk = _soften(now[k], u, lasts, slowest, limits[k], lower[k], upper[k])
+            counts[k], begun[k] = _write_change(now[k], u, lasts, most, jerk, phases[k], counts[k], begun[k])
     for k in range(count):
         row = phases[k, counts[k]]
         row[0], row[1], row[2], row[3], row[4] = begun[k], now[k, 0], 0.0, 0.0, 0.0

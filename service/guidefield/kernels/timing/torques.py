@@ -124,8 +124,8 @@ def write_torques(
         ax, ay, az = velocity_by(change, cx, cy, cz)
         fx, fy, fz = mass * (ax + wy * vz - wz * vy), mass * (ay + wz * vx - wx * vz), mass * (az + wx * vy - wy * vx)
         # the moment about the centre, I w' + w x I w, in the joint's axes and then in the world's
-        ux, uy, uz = _turned_back(pose, wx, wy, wz)
-        dx, dy, dz = _turned_back(pose, change[3], change[4], change[5])
+        ux, uy, uz = _turn_back(pose, wx, wy, wz)
+        dx, dy, dz = _turn_back(pose, change[3], change[4], change[5])
         hx, hy, hz = _times(tree.inertias[i], ux, uy, uz)
         mx, my, mz = _times(tree.inertias[i], dx, dy, dz)
         mx, my, mz = mx + uy * hz - uz * hy, my + uz * hx - ux * hz, mz + ux * hy - uy * hx
@@ -163,7 +163,7 @@ def write_radii(tree: MassTree, places: JointPlaces, radii_out: Floats) -> None:
 
 
 @uncounted
-def _turned_back(T: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _turn_back(T: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
     """An axis of the world in a placed frame."""
     return (
         T[0, 0] * x + T[1, 0] * y + T[2, 0] * z,

@@ -124,7 +124,7 @@ def _unsure(look: Floats, way: int) -> float:
 
 
 @uncounted
-def _asked_length(looks: Floats, asked: Floats, way: int) -> float:
+def _sum_lengths(looks: Floats, asked: Floats, way: int) -> float:
     """Sum a length over the parts of which it is asked, (k, LOOK) and (k, WAYS)."""
     total = 0.0
     for k in range(looks.shape[0]):
@@ -190,7 +190,7 @@ def way_lengths(
     done, most = np.zeros(WAYS), np.empty(WAYS)
     for _ in range(levels):
         for way in range(WAYS):
-            lengths_out[way] = _asked_length(looks, asked, way)
+            lengths_out[way] = _sum_lengths(looks, asked, way)
             most[way] = share / max(1, pieces) * (done[way] + lengths_out[way])
         count = _leave_unsure(looks, asked, most, done)
         halves, looked, wanted = np.empty((2 * count, 3)), np.empty((2 * count, LOOK)), np.empty((2 * count, WAYS))

@@ -68,7 +68,7 @@ WALK = types.BaseTuple.from_types((WORLD, SAMPLING, SEARCH, FRAMES, STRIDES, VEC
 
 
 @lane_step(types.float64(FLOAT_POINTER, FLOAT_POINTER, int64, SAMPLING))
-def _apart(a: Floats32, b: Floats32, nv: int, sampling: Sampling) -> float:
+def _distance(a: Floats32, b: Floats32, nv: int, sampling: Sampling) -> float:
     """Return how far two points, shape (nv,), are apart, the short way round."""
     square = 0.0
     for j in range(nv):
@@ -80,7 +80,7 @@ def _apart(a: Floats32, b: Floats32, nv: int, sampling: Sampling) -> float:
 
 
 @lane_step(boolean(WALK, types.float64))
-def _corrected(walk: Walk, left: float) -> bool:
+def _correct(walk: Walk, left: float) -> bool:
     """Bring what is reached onto the constraints; whether it still leads to the target, which was `left` away."""
     sampling, search, strides, z = walk.sampling, walk.search, walk.strides, walk.z
     for j in range(search.nv):
@@ -89,8 +89,8 @@ def _corrected(walk: Walk, left: float) -> bool:
         return False
     for j in range(search.nv):
         search.reached[j] = z[j] / sampling.units[j]
-    gained = left - _apart(search.reached, search.target, search.nv, sampling)
-    moved = _apart(search.reached, search.origin, search.nv, sampling)
+    gained = left - _distance(search.reached, search.target, search.nv, sampling)
+    moved = _distance(search.reached, search.origin, search.nv, sampling)
     return bool(gained >= strides.least_gain * strides.length and moved <= strides.farthest * strides.length)
 
 
@@ -116,7 +116,7 @@ def _walk(walk: Walk, tree: int, node: int) -> tuple[int, int]:
     while counters[SIZE + tree] < search.capacity:
         left = step_towards(search, tree, node, search.target, walk.sampling, strides.length)
         there = left <= strides.length
-        if not there and not _corrected(walk, left):
+        if not there and not _correct(walk, left):
             break
         if not _is_kept(walk):
             break

@@ -168,7 +168,7 @@ def plant(search: TreeSearch, tree: int, roots: np.ndarray) -> None:
 
 
 @lane_part
-def _turned_near(place: float, before: float, period: float) -> float:
+def _wrap_near(place: float, before: float, period: float) -> float:
     """A coordinate, if it wraps with whole turns added so that it is no more than half a turn from another."""
     if period != 0.0:
         place += 2.0 * math.pi * np.rint((before - place) / (2.0 * math.pi))
@@ -202,7 +202,7 @@ def join(sampling: Sampling, search: TreeSearch, starts: np.ndarray, goals: np.n
             place = float(nodes[(nv + j) * capacity + node])
             if above < 0:
                 place = goals[node, j]
-            path[row * nv + j] = _turned_near(place, path[(row - 1) * nv + j], sampling.period[j])
+            path[row * nv + j] = _wrap_near(place, path[(row - 1) * nv + j], sampling.period[j])
         row, node = row + 1, above
     counters[ROWS] = row
 

@@ -93,7 +93,7 @@ def _hits_of(world: LaneWorld, body: int, o: int, near: int, clearance: float, h
 
 
 @lane_part
-def _few(lanes: int) -> bool:
+def _are_few(lanes: int) -> bool:
     for _ in range(FEW):
         lanes &= lanes - 1
     return bool(lanes == 0)
@@ -111,7 +111,7 @@ def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits
     joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
     lane_placements(joints, coordinates, scratch.poses)
     mask = _hit_again(world, clearance, hits)
-    if _few(ALL_LANES & ~mask):
+    if _are_few(ALL_LANES & ~mask):
         return mask
     place_carriers(bodies, scratch)
     poses, centres, members, n = scratch.poses, scratch.centres, bodies.members, obstacles.size
@@ -177,7 +177,7 @@ def is_free(world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance:
 
 
 @lane_step(boolean(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
-def _connected(
+def _connect(
     world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, tree: int
 ) -> bool:
     """Grow a tree towards the target as far as the way is free; whether it got there, from the node in the counters."""
@@ -336,7 +336,7 @@ def _grow(
             met = add_reached(search, tree, node)
             met = _go_on(world, sampling, search, clearance, resolution, slot, met)
             aim_at(search, tree, met)
-            if _connected(world, sampling, search, clearance, resolution, 1 - tree):
+            if _connect(world, sampling, search, clearance, resolution, 1 - tree):
                 counters[MEETING + tree] = met
                 return MET
     return GOING_ON

@@ -1,4 +1,4 @@
-"""Merging equal points, connected components of meshes, and pairs of triangles that may cross: cleaning of meshes.
+"""Cleaning of meshes: equal points merged, connected components, pairs of triangles that may cross.
 
 Points are merged by an open-addressing hash table over the bits of their coordinates, so that -0.0 differs from 0.0.
 `geometry/closed.py` relies on places in order of first occurrence. `_FACTORS` are a matter of speed; with a `_BLUR`
