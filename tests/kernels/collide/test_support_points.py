@@ -128,7 +128,9 @@ def _reach(parts, direction, work):
 @settings(max_examples=90)
 @given(data=st.data(), body=bodies())
 def test_gjk_finds_the_support_point(data: Any, body: Body) -> None:
-    direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-250, 1e-9, 1e9, 1e150))))
+    # corners are in single precision, which knows no other lengths; a search ends before a direction is that short
+    far_out = () if body.kind == "box" else (1e-250, 1e150)
+    direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-9, 1e9, *far_out))))
     table, found = PartsTable(), np.empty(3)
     table.add_shape(body.shape, pin.SE3.Identity())
     _support(table.tables(), np.c_[body.rotation, np.zeros(3)].ravel(), direction, np.zeros(WORK), found)
