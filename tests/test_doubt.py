@@ -167,9 +167,7 @@ def test_the_judges_curve_is_that_of_the_samples(tmp_path: Path, robot: str) -> 
 
 @pytest.mark.parametrize("judge", ["refereed", "validated"])
 @pytest.mark.parametrize(("change", "until"), [(certified, 0.9), (refused, 0.3), (lambda reply: reply, 0.9)])
-def test_the_referee_and_hpp_contradict_what_is_false_alone(
-    tmp_path: Path, judge: str, change: Any, until: float
-) -> None:
+def test_the_referee_and_hpp_contradict_what_is_false_alone(tmp_path, judge, change, until):
     from doubting import hpp, refereed
 
     if judge == "validated" and not hpp.installed():

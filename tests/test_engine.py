@@ -86,9 +86,7 @@ def test_what_is_no_request_is_malformed(form: Any, engine: Engine) -> None:
 
 
 @pytest.mark.parametrize("slow", ["guidefield.scene.scene.build", "guidefield.handlers.preparation.prepare_scene"])
-def test_an_answer_is_late_by_one_call_at_most_and_what_that_made_is_kept(
-    slow: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_answer_is_late_by_one_call_at_most_and_what_that_made_is_kept(slow, monkeypatch):
     engine, calls = Engine(), []
     request = {**msgspec.to_builtins(TO_JOINTS), "allowed_planning_time": 0.6}
     sign = {"type": "polygon", "name": "sign", "vertices": [(9.0, 0.0, 0.0), (9.0, 1.0, 0.0), (9.0, 0.0, 1.0)]}
@@ -141,9 +139,7 @@ def test_unknown_names_are_answered_with_those_there_are(engine: Engine) -> None
         engine.answer(requests.ReadRun("r1"))
 
 
-def test_a_bug_is_named_and_logged_with_its_trace(
-    engine: Engine, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_bug_is_named_and_logged_with_its_trace(engine, monkeypatch, caplog):
     def bug(*_: object) -> None:
         raise ZeroDivisionError("there is a bug here")
 
@@ -204,9 +200,7 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     return asked
 
 
-def test_the_log_of_a_run_is_kept_or_its_recording_where_no_log_can_be(
-    keeping: Engine, planned: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_log_of_a_run_is_kept_or_its_recording_where_no_log_can_be(keeping, planned, tmp_path, monkeypatch):
     received = time.monotonic()
     reply = keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"), received=received)
     assert reply.recording == "guidefield/cell/runs/r1/recording"
@@ -224,9 +218,7 @@ def _refuse(*_: object) -> None:
     raise OSError(1, "Operation not permitted")
 
 
-def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
-    keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_a_warning_and_the_plan_is_answered(keeping, planned, monkeypatch):
     monkeypatch.setattr("guidefield.recorder.recorder.record_plan", _refuse_to_record)
     monkeypatch.setattr(Recordings, "store_log", _refuse)
     reply = keeping.answer(PLAN)
@@ -234,9 +226,7 @@ def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
     assert any("No space left" in warning for warning in reply.warnings)
 
 
-def test_a_recording_that_is_too_large_is_dropped(
-    engine: Engine, planned: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_recording_that_is_too_large_is_dropped(engine, planned, tmp_path, monkeypatch):
     monkeypatch.setattr("guidefield.rendering.LARGEST_RECORDING", len(b"recording") - 1)
     reply = engine.answer(PLAN, record_to=tmp_path / "large.rrd")
     assert reply.recording is None

@@ -165,9 +165,7 @@ def test_users_that_have_something_stored_are_bounded(tmp_path: Path, monkeypatc
     assert stores.users() == ["alice", "bob"]
 
 
-def test_a_streams_recording_that_is_too_large_is_told_with_the_way_to_have_it(
-    engines: Engines, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_streams_recording_that_is_too_large_is_told_with_the_way_to_have_it(engines, monkeypatch):
     asked = StreamOpen("ur5", "table")
     journal = Journal(engines.stores.streams_of("alice") / "s", asked, "alice", {})
     with engines.of("alice").stream(asked, None, journal) as stream:

@@ -59,9 +59,7 @@ def start(code: Path, cache: Path) -> list[str]:
     return ran.stdout.splitlines()
 
 
-def test_everything_is_compiled_once_for_a_processor_and_what_is_called_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_everything_is_compiled_once_for_a_processor_and_what_is_called_first(tmp_path, monkeypatch):
     code, cache = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
     before, first, second, compiler = start(code, cache)
     assert before == first_start.FIRST_PROGRESS
@@ -86,9 +84,7 @@ def test_everything_is_compiled_once_for_a_processor_and_what_is_called_first(
     assert "1 of 1 (a_caller)" in only
 
 
-def test_kernels_are_compiled_for_the_highest_level_that_the_processor_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kernels_are_compiled_for_the_highest_level_that_the_processor_has(tmp_path, monkeypatch):
     for number, (level, flags) in enumerate(first_start.LEVELS.items()):
         told = tmp_path / f"{number}"
         told.write_text(f"model\t: 85\nflags\t\t: fpu {flags} more\n")
@@ -114,9 +110,7 @@ def test_a_kernel_that_cannot_be_compiled_ends_the_start_with_its_reason(tmp_pat
     assert not any(path.name.startswith("all-") for path in (tmp_path / "cache" / "guidefield" / "kernels").iterdir())
 
 
-def test_a_compile_under_way_does_not_hold_up_whoever_is_told_to_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_compile_under_way_does_not_hold_up_whoever_is_told_to_end(tmp_path, monkeypatch):
     """A compiler that would take for ever, and those who compile for it, are ended and leave no mark."""
     compiler, pids = tmp_path / "compiler", tmp_path / "pids"
     compiler.write_text(f"#!/bin/sh\nsleep 300 & echo $! $$ > {pids}\necho compiling\nwait\n")
@@ -131,9 +125,7 @@ def test_a_compile_under_way_does_not_hold_up_whoever_is_told_to_end(
     assert not (tmp_path / "cache").exists()
 
 
-def test_a_compiler_that_is_killed_and_a_cache_that_takes_nothing_are_told_in_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_compiler_that_is_killed_and_a_cache_that_takes_nothing_are_told_in_a_sentence(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
     (tmp_path / "file").touch()
     with pytest.raises(first_start.CannotStart, match=r"^machine code can't be kept: .*; set NUMBA_CACHE_DIR"):
@@ -317,9 +309,7 @@ def test_an_archive_is_found_by_what_it_fits_and_unpacked_as_it_was(archive: Pat
 
 
 @pytest.mark.parametrize("place", [0, 100, -1])
-def test_of_an_archive_that_is_damaged_nothing_is_unpacked(
-    archive: Path, tmp_path: Path, place: int, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_of_an_archive_that_is_damaged_nothing_is_unpacked(archive, tmp_path, place, caplog):
     content = bytearray(archive.read_bytes())
     content[place] ^= 1
     archive.write_bytes(content)

@@ -4,7 +4,6 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -52,13 +51,7 @@ def _kept(folder: Path, name: str, answer: dict[str, Any]) -> Path:
         (lambda answer: answer.update(added=1), "added: only in the second"),
     ],
 )
-def test_a_difference_is_told_with_its_place(
-    comparing: ModuleType,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    change: Callable[[dict[str, Any]], None],
-    said: str,
-) -> None:
+def test_a_difference_is_told_with_its_place(comparing, tmp_path, capsys, change, said):
     changed = json.loads(json.dumps(ANSWER))
     change(changed)
     first, second = _kept(tmp_path, "first", ANSWER), _kept(tmp_path, "second", changed)
@@ -71,9 +64,7 @@ def test_a_difference_is_told_with_its_place(
     assert lines[3:] == ["0 of 1 are the same to the bit"]
 
 
-def test_answers_are_the_same_every_time(
-    comparing: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_answers_are_the_same_every_time(comparing, tmp_path, capsys):
     files = [tmp_path / f"{name}.json" for name in ("one", "two")]
     for (
         file

@@ -3,8 +3,6 @@
 In words each outcome has its advice, and figures are those of the reply.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

@@ -119,13 +119,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_a_page_does_what_it_says(
-    page: Path,
-    desk: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
+def test_a_page_does_what_it_says(page, desk, monkeypatch, capsys, request):
     endpoint = ON_A_PAGE
     _have_time(monkeypatch)
     if _talks(page):

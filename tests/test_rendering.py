@@ -175,9 +175,7 @@ def test_files_of_a_robot_that_have_changed_since_are_told(tmp_path: Path) -> No
         (lambda data: MAGIC + msgspec.msgpack.encode({"run_id": 5}), "its log is damaged: "),
     ],
 )
-def test_a_log_that_nothing_can_be_rendered_from_is_lost(
-    harm: Any, why: str, engine: Engine, recordings: Recordings
-) -> None:
+def test_a_log_that_nothing_can_be_rendered_from_is_lost(harm, why, engine, recordings):
     engine.answer(PlanRequest("ur5", "table", ELBOW, guide_planes=[], run_id="r1"))
     log = recordings.file("r1", LOG)
     log.write_bytes(harm(log.read_bytes()))

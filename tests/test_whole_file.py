@@ -16,9 +16,7 @@ def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("durable", [True, False])
-def test_a_write_that_fails_leaves_the_old_contents_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, durable: bool
-) -> None:
+def test_a_write_that_fails_leaves_the_old_contents_and_nothing_else(tmp_path, monkeypatch, durable):
     path = tmp_path / "reply.json"
     write_whole(path, b"old")
 

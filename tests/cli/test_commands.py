@@ -246,9 +246,7 @@ def test_the_command_line_starts_without_what_few_commands_need() -> None:
 
 
 @pytest.mark.parametrize(("status", "code"), [(Status.SUCCESS, 0), (Status.STUCK_IN_MINIMUM, 1), (Status.TIMED_OUT, 1)])
-def test_the_exit_code_is_the_outcome(
-    status: Status, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_exit_code_is_the_outcome(status, code, tmp_path, monkeypatch):
     from typer.testing import CliRunner
 
     from guidefield import engine

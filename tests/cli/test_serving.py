@@ -175,9 +175,7 @@ def test_a_supervisor_that_reads_nothing_keeps_nobody_waiting(systemd: socket.so
     assert systemd.recv(4096).startswith(b"STATUS=xxx")
 
 
-def test_what_a_service_announces_the_supervisor_hears(
-    systemd: socket.socket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_service_announces_the_supervisor_hears(systemd, tmp_path, monkeypatch):
     def serve(_settings: ServiceSettings, _stop: threading.Event, announce: object) -> None:
         assert callable(announce)
         announce("ready: instance 'local' answers")

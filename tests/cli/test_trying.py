@@ -42,9 +42,7 @@ def test_a_goal_that_is_dragged_is_planned_for(page: tuple[TryPage, str]) -> Non
     np.testing.assert_allclose(tried._frames[-1][-1, :3], tried._handle.position, atol=1e-3)
 
 
-def test_an_obstacle_may_be_dragged_while_a_plan_is_asked_for(
-    page: tuple[TryPage, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_obstacle_may_be_dragged_while_a_plan_is_asked_for(page, monkeypatch):
     tried, _ = page
     obstacle: Any = next(one for one in tried._message.obstacles if hasattr(one, "position"))
     asked: list[Any] = []
@@ -106,9 +104,7 @@ def test_names_are_shown_as_they_are(page: tuple[TryPage, str]) -> None:
     assert name in html.unescape(tried._report.content)
 
 
-def test_the_page_tells_where_it_is_if_its_port_is_occupied(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_page_tells_where_it_is_if_its_port_is_occupied(monkeypatch, capsys):
     def interrupt(*_arguments: object) -> None:
         urllib.request.urlopen(find_address(out.getvalue())).close()
         raise KeyboardInterrupt

@@ -277,9 +277,7 @@ def axes_apart(here: Any, p: float, there: Any, q: float) -> float:
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 3e-4, 0.01, 0.3, 1.5])
 @pytest.mark.parametrize("lengths", [(0.3, 0.3), (0.01, 0.02), (0.001, 0.001), (0.1, 0.0)])
-def test_capsules_are_as_far_apart_as_their_axes_also_where_these_are_nearly_parallel(
-    lengths: tuple[float, float], angle: float
-) -> None:
+def test_capsules_are_as_far_apart_as_their_axes_also_where_these_are_nearly_parallel(lengths, angle):
     rng = np.random.default_rng(3)
     for _ in range(6):
         first, second = (coal.Capsule(0.01, length) for length in lengths)
@@ -307,9 +305,7 @@ def test_capsules_are_as_far_apart_as_their_axes_also_where_these_are_nearly_par
         (coal.Box(0.1, 0.2, 0.3), coal.Box(0.1, 0.2, 0.3), (0.0, 0.0, 0.0)),
     ],
 )
-def test_bodies_about_one_middle_part_along_their_deepest_points(
-    first: Any, second: Any, turned: tuple[float, float, float]
-) -> None:
+def test_bodies_about_one_middle_part_along_their_deepest_points(first, second, turned):
     here, there = at(0.3, -0.2, 0.5), at(0.3, -0.2, 0.5, turned)
     depth, on_first, on_second = measured(first, here, second, there)
     between = on_first - on_second

@@ -52,9 +52,7 @@ def _answer(
 
 @pytest.mark.parametrize("begun", [True, False])
 @pytest.mark.parametrize("encoding", Encoding)
-def test_what_is_answered_is_kept_before(
-    encoding: Encoding, begun: bool, database: RunDatabase, tmp_path: Path
-) -> None:
+def test_what_is_answered_is_kept_before(encoding, begun, database, tmp_path):
     reply = msgspec.structs.replace(plan_reply("r1"), recording=KEY)
     sent = True, codec.encode(reply, encoding)
     assert _answer(database, sent, encoding, begun=begun) == sent

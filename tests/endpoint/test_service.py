@@ -84,9 +84,7 @@ def _is_claimed(session: zenoh.Session, name: str) -> bool:
     return any(reply.ok is not None for reply in session.liveliness().get(f"guidefield/{name}/**"))
 
 
-def test_what_it_does_while_it_starts_is_told_and_lists_are_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_it_does_while_it_starts_is_told_and_lists_are_read(tmp_path, monkeypatch):
     stop, seen = threading.Event(), threading.Event()
 
     def compiled(told: Callable[[str], None], _stopped: Callable[[], bool]) -> None:

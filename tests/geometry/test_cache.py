@@ -261,9 +261,7 @@ def test_what_is_made_in_place_is_read_again(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9999])
 @pytest.mark.parametrize("bit", [0, 7])
-def test_one_bit_that_is_another_is_found(
-    share: float, bit: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_one_bit_that_is_another_is_found(share, bit, tmp_path, caplog):
     path = tmp_path / "entry"
     write_arrays(path, filled(allocate_in_memory(LAYOUT)))
     content = bytearray(path.read_bytes())

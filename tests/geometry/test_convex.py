@@ -35,9 +35,7 @@ def test_hull_contains_the_points_and_is_convex(drawn: tuple[int, int, float, fl
 
 @settings(max_examples=24)
 @given(clouds, st.integers(1, 4), st.floats(-18.0, -6.0))
-def test_the_volume_is_that_of_the_hull_whatever_lies_at_one_place(
-    drawn: tuple[int, int, float, float], times: int, noise: float
-) -> None:
+def test_the_volume_is_that_of_the_hull_whatever_lies_at_one_place(drawn, times, noise):
     points = cloud(*drawn)
     rng = np.random.default_rng(drawn[0])
     again = [points + rng.normal(size=points.shape) * 10.0 ** (noise + drawn[3]) for _ in range(times)]

@@ -41,9 +41,7 @@ def kept(error: InternalFailure, cache: Path) -> Path:
 
 @pytest.mark.parametrize(("gap", "asked"), [(-0.003, 0.0), (0.006, 0.0061)])
 @pytest.mark.parametrize("kind", ["box", "mesh"])
-def test_a_false_certificate_is_no_answer(
-    monkeypatch: pytest.MonkeyPatch, cache: Path, kind: str, gap: float, asked: float
-) -> None:
+def test_a_false_certificate_is_no_answer(monkeypatch, cache, kind, gap, asked):
     for name in ("certify", "certify_given"):
         monkeypatch.setattr(judgement, name, free)
     robot, one = arm(GEOMETRIES["cylinder"]), obstacle(kind, gap)
@@ -97,9 +95,7 @@ GOAL = {"goal": {"type": "joints", "positions": {"j0": TURN + STEP}}, "group": [
 
 
 @pytest.mark.parametrize("steps", [False, True])
-def test_a_plan_that_its_clearance_contradicts_is_no_answer(
-    monkeypatch: pytest.MonkeyPatch, cache: Path, steps: bool
-) -> None:
+def test_a_plan_that_its_clearance_contradicts_is_no_answer(monkeypatch, cache, steps):
     asked = {"steps": [GOAL]} if steps else GOAL
     assert ask(**asked).status.name == "SUCCESS"
     handler = sequence if steps else plan
@@ -116,9 +112,7 @@ def test_a_plan_that_its_clearance_contradicts_is_no_answer(
 
 
 @pytest.mark.parametrize("kind", ["confirm", "smallest"])
-def test_a_search_that_coal_contradicts_is_no_answer_and_a_file(
-    monkeypatch: pytest.MonkeyPatch, cache: Path, kind: str
-) -> None:
+def test_a_search_that_coal_contradicts_is_no_answer_and_a_file(monkeypatch, cache, kind):
     """Where no reply is made, too, the motion is kept for the referee."""
     if kind == "confirm":
         monkeypatch.setattr(search.World, "touches", lambda *_: False)

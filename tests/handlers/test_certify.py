@@ -205,9 +205,7 @@ def sampled_contact(request: requests.CertifyRequest, samples: int = 300) -> boo
 
 @settings(max_examples=6)
 @given(seed=st.integers(0, 2**32 - 1), timed=st.booleans(), margin=st.sampled_from([0.0, 0.03]))
-def test_what_is_certified_dense_samples_find_free_and_the_place_of_a_refusal_is_refused(
-    seed: int, timed: bool, margin: float
-) -> None:
+def test_what_is_certified_dense_samples_find_free_and_the_place_of_a_refusal_is_refused(seed, timed, margin):
     made, rng = planned(), np.random.default_rng(seed)
     rows = np.array(made.path)
     rows[1:] += rng.normal(scale=rng.choice([0.02, 0.15, 0.4]), size=rows[1:].shape)

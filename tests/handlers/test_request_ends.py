@@ -55,9 +55,7 @@ TURNED: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("fields", TURNED)
 @pytest.mark.parametrize(("start", "goal", "end"), [(3.5, 3.6, 3.6), (-416.721, 3.0, 3.0 - 134 * math.pi)])
-def test_a_motion_begins_where_a_continuous_joint_stands(
-    start: float, goal: float, end: float, fields: dict[str, Any]
-) -> None:
+def test_a_motion_begins_where_a_continuous_joint_stands(start, goal, end, fields):
     reply = ask(start, to(goal), arm("continuous"), **fields)
     found = rows(reply)[:, 0]
     assert found[[0, -1]] == pytest.approx([start, end], abs=1e-11)

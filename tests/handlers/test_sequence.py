@@ -14,7 +14,6 @@ from msgspec import to_builtins
 from guidefield import run_arrays
 from guidefield.engine import answer
 from guidefield.errors import (
-    GuidefieldError,
     InvalidConfiguration,
     InvalidGoal,
     InvalidGroup,
@@ -278,9 +277,7 @@ PASS = {"stop": False}
         ([joints() | {"radii": 0.1}], MalformedRequest, "$.steps[0]", "unknown field `radii`"),
     ],
 )
-def test_a_step_that_is_wrong_is_named(
-    steps: list[dict[str, Any]], kind: type[GuidefieldError], path: str, says: str
-) -> None:
+def test_a_step_that_is_wrong_is_named(steps, kind, path, says):
     with pytest.raises(kind) as refused:
         ask(steps)
     assert refused.value.details["path"] == path

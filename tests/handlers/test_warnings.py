@@ -61,9 +61,7 @@ def test_warnings_of_robot_scene_and_start_are_the_plans(engine: Engine) -> None
     ("start", "goal", "turns"),
     [(0.0, 90.0, "14.3"), (45.0, -45.0, "14.3"), (90.0, 91.0, None), (0.0, -12.5, None), (-1.5, 1.5, None)],
 )
-def test_a_continuous_joints_goal_in_degrees_is_told(
-    engine: Engine, start: float, goal: float, turns: str | None
-) -> None:
+def test_a_continuous_joints_goal_in_degrees_is_told(engine, start, goal, turns):
     request = PlanRequest(box_arm("continuous", 1), Scene("empty"), JointsGoal({"j1": goal}), start={"j1": start})
     told = [warning for warning in engine.answer(request).warnings if "radians" in warning]
     words = f"the goal of joint 'j1' is hardly in radians: {goal:g} is {turns} turns from the start"

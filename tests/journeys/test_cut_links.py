@@ -58,9 +58,7 @@ def test_a_stream_whose_link_is_cut_goes_on(link: Link) -> None:
 
 
 @pytest.mark.parametrize("named", [False, True])
-def test_a_plan_whose_link_is_cut_is_answered_by_its_own_run(
-    service: Service, client: Client, link: Link, named: bool
-) -> None:
+def test_a_plan_whose_link_is_cut_is_answered_by_its_own_run(service, client, link, named):
     run_id = f"cut-{named}"
     with (
         Client.connect(link.endpoint, instance=client.instance if named else None, wait=CONNECTED_WITHIN) as far,
@@ -81,9 +79,7 @@ def test_a_plan_whose_link_is_cut_is_answered_by_its_own_run(
     assert link.cuts == 1
 
 
-def test_a_plan_whose_link_is_cut_again_and_again_is_answered(
-    client: Client, link: Link, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plan_whose_link_is_cut_again_and_again_is_answered(client, link, monkeypatch):
     """More often than an instance is asked again that was there all the time."""
     asked, begin = threading.Semaphore(0), Exchange.begin
 

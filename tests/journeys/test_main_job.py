@@ -143,9 +143,7 @@ def test_the_judge_would_see_a_collision(judge: Judge) -> None:
 
 
 @pytest.mark.parametrize("job", JOBS)
-def test_the_motion_begins_at_its_start_and_keeps_the_limits_of_the_robot(
-    job: str, replies: dict[str, dict[str, Any]], wire: PlainClient
-) -> None:
+def test_the_motion_begins_at_its_start_and_keeps_the_limits_of_the_robot(job, replies, wire):
     reply = replies[job]
     limits = {joint["name"]: joint for joint in wire.ask("guidefield/local/robots/panda")["joints"]}
     times, positions, velocities = _executed(reply["trajectory"])
@@ -162,9 +160,7 @@ def test_the_motion_begins_at_its_start_and_keeps_the_limits_of_the_robot(
     assert reply["metrics"]["duration"] == pytest.approx(times[-1])
 
 
-def test_the_tip_crosses_the_planes_in_order_and_ends_on_the_last(
-    replies: dict[str, dict[str, Any]], judge: Judge
-) -> None:
+def test_the_tip_crosses_the_planes_in_order_and_ends_on_the_last(replies, judge):
     reply = replies["planes"]
     planes = json.loads(SHELF.read_text())["guide_planes"]
     assert len(planes) >= 2
@@ -190,9 +186,7 @@ def test_the_tip_ends_at_the_pose(replies: dict[str, dict[str, Any]], judge: Jud
 
 
 @pytest.mark.parametrize("job", JOBS)
-def test_the_run_is_kept_with_a_recording_that_can_be_opened(
-    job: str, replies: dict[str, dict[str, Any]], wire: PlainClient, tmp_path: Path
-) -> None:
+def test_the_run_is_kept_with_a_recording_that_can_be_opened(job, replies, wire, tmp_path):
     assert replies[job]["recording"] == f"guidefield/local/runs/{job}/recording"
     kept = wire.ask(f"guidefield/local/runs/{job}")
     assert kept["reply"] == replies[job]

@@ -2,13 +2,12 @@
 
 import base64
 import json
-from typing import Any
 
 import msgspec
 import pytest
 
 from guidefield import Client, RobotInvalid
-from tests.journeys.service import PlainClient, Service
+from tests.journeys.service import PlainClient
 
 CUBE = "\n".join(
     [
@@ -76,9 +75,7 @@ def test_the_python_client_stores_a_robot(client: Client) -> None:
         ({"srdf": "<!DOCTYPE a [<!ENTITY x 'y'>]><robot name='&x;'/>"}, "DOCTYPE"),
     ],
 )
-def test_what_is_wrong_with_a_robot_is_told_and_no_folder_of_the_service(
-    change: dict[str, Any], words: str, wire: PlainClient, service: Service
-) -> None:
+def test_what_is_wrong_with_a_robot_is_told_and_no_folder_of_the_service(change, words, wire, service):
     files = {"urdf": URDF, "meshes": {"package://mine/bar.obj": CUBE}, **change}
     answer = wire.answer("guidefield/local/robots/mine", msgspec.msgpack.encode(files), "application/msgpack")
     assert not answer.is_reply

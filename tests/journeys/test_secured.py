@@ -234,9 +234,7 @@ def test_everybody_hears_how_far_a_run_is_that_is_shared(folder: Path, service: 
 
 
 @pytest.mark.parametrize("name", ["visitor", "bob"])
-def test_nobody_but_the_service_answers_publishes_or_says_that_it_lives(
-    name: str, folder: Path, service: Service
-) -> None:
+def test_nobody_but_the_service_answers_publishes_or_says_that_it_lives(name, folder, service):
     """An onlooker could do all of it."""
     own = f"guidefield/local/as/{name}"
     stolen: list[str] = []

@@ -166,9 +166,7 @@ def client(service: Service) -> Iterator[Client]:
         await_that(lambda: not client.streams())
 
 
-def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(
-    service: Service, client: Client, tmp_path: Path
-) -> None:
+def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(service, client, tmp_path):
     clock, judge = Clock(), Judge()
     with client.stream(ASKED, clock=clock) as stream:
         assert client.streams() == [stream.stream_id]
@@ -326,9 +324,7 @@ def kept_open(stream: ServiceStream) -> Iterator[None]:
         thread.join()
 
 
-def test_streams_beyond_what_there_may_be_are_refused_and_those_of_who_vanishes_end(
-    service: Service, client: Client
-) -> None:
+def test_streams_beyond_what_there_may_be_are_refused_and_those_of_who_vanishes_end(service, client):
     with pytest.raises(MalformedRequest, match="piece"):
         client.stream({**ASKED, "piece": 0.01})
     with Client.connect(service.endpoint, user="anna", wait=CONNECTED_WITHIN) as anna, anna.stream(ASKED) as first:

@@ -178,9 +178,7 @@ def where_the_tip_is(name: str, seed: int) -> pin.SE3:
     st.floats(0.0, 0.2),
     st.floats(0.0, 0.3),
 )
-def test_no_configuration_that_reaches_the_target_is_free(
-    name: str, seed: int, off: float, position: float, turned: float
-) -> None:
+def test_no_configuration_that_reaches_the_target_is_free(name, seed, off, position, turned):
     rng = np.random.default_rng(seed)
     place = where_the_tip_is(name, seed)
     size = rng.uniform(0.05, 0.4, 3)

@@ -98,9 +98,7 @@ def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> N
     )
 
 
-def test_what_is_refused_round_corners_is_drawn_closer_and_stops_at_them_in_the_end(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_is_refused_round_corners_is_drawn_closer_and_stops_at_them_in_the_end(monkeypatch):
     made, path, crossings = guided_over_the_wall()
     asked, closeness = dataclasses.replace(made, optimization_iterations=0), list[int]()
 

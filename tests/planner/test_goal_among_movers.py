@@ -294,9 +294,7 @@ def test_a_robot_in_motion_stops_before_it_waits_and_may_arrive_in_motion() -> N
 
 
 @pytest.mark.parametrize("seed", [5])
-def test_wherever_the_planner_among_obstacles_at_rest_finds_a_motion_there_is_one_in_time(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wherever_the_planner_among_obstacles_at_rest_finds_a_motion_there_is_one_in_time(seed, monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "tools"))
     from benchmarks import timed
 

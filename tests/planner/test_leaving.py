@@ -80,9 +80,7 @@ def among(made: Problem, times: list[float], *ways: tuple[float, float, float]) 
 @pytest.mark.parametrize(
     ("times", "way"), [([0.0, 2.0], (0.3, 0.0, 0.0)), ([0.2, 1.5], (0.3, 0.0, 0.2)), ([-1.0, 2.0], (0.0, 0.0, -0.1))]
 )
-def test_a_contact_with_what_moves_is_left_and_the_rest_certified_in_time(
-    times: list[float], way: tuple[float, float, float]
-) -> None:
+def test_a_contact_with_what_moves_is_left_and_the_rest_certified_in_time(times, way):
     still = pressed(0.003)
     since = np.multiply(way, max(-times[0], 0.0) / (times[1] - times[0]))  # where it is at time 0 it is touched
     made = among(still, times, tuple(-since), tuple(np.subtract(way, since)))

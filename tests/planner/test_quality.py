@@ -239,9 +239,7 @@ def test_lengths_are_those_of_many_chords(knots: int) -> None:
 
 
 @pytest.mark.parametrize(("rates", "length"), [((-6.0, -6.0), None), ((3.0, -3.0), 1.5), ((1.0, 1.0), 1.0)])
-def test_the_length_of_a_way_that_turns_back_is_all_that_was_gone(
-    rates: tuple[float, float], length: float | None
-) -> None:
+def test_the_length_of_a_way_that_turns_back_is_all_that_was_gone(rates, length):
     arm = grouped(carriage(3.0))
     way = Trajectory(
         np.array([0.0, 1.0]),

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import pytest
-
 from guidefield.errors import GuidefieldError, Preempted
 from guidefield.pool import process
 from guidefield.pool.process import Companion, Conversation
@@ -81,9 +79,7 @@ def test_a_process_that_dies_or_ends_is_noticed() -> None:
         assert "died" in heard.await_end().message
 
 
-def test_what_waits_for_a_process_that_takes_nothing_is_bounded_and_it_is_ended(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_waits_for_a_process_that_takes_nothing_is_bounded_and_it_is_ended(monkeypatch):
     monkeypatch.setattr(process, "MAX_SILENCE_S", 0.5)
     monkeypatch.setattr(process, "MAX_WAITING_MESSAGES", 5)
     with conversation(converse_with_nobody) as (one, heard):

@@ -76,9 +76,7 @@ def test_a_thread_that_idles_is_told_of_one_answer_only(outbox: Outbox) -> None:
     stopped.await_all(1)
 
 
-def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(
-    outbox: Outbox, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(outbox, monkeypatch):
     monkeypatch.setattr(rooms, "MAX_CLIENT_BYTES", 100)
     stopped = _Reader()
     assert outbox.post(Asker(client="stopped"), 10_000, lambda: stopped.take(0))

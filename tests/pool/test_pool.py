@@ -170,9 +170,7 @@ def test_closing_has_what_outlasts_the_grace_come_to_an_end(tmp_path: Path, monk
     assert running.result(0) == (True, b"cancelled")
 
 
-def test_closing_ends_what_uses_a_processor_for_too_long_after_it_was_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_closing_ends_what_uses_a_processor_for_too_long_after_it_was_told(tmp_path, monkeypatch):
     monkeypatch.setattr("guidefield.pool.pool.ENDING_PROCESSOR_S", 0.2)
     monkeypatch.setattr("guidefield.pool.pool.ENDING_S", worker_setups.LONG)
     pool = _started(1)

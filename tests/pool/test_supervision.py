@@ -181,18 +181,14 @@ def test_a_job_that_does_not_pickle_is_told_and_costs_no_worker(pool: Pool) -> N
     assert pool.crashes == crashes
 
 
-def test_closing_ends_a_worker_in_a_native_call_that_keeps_the_interpreter(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_closing_ends_a_worker_in_a_native_call_that_keeps_the_interpreter(tmp_path, monkeypatch):
     pool = Pool(worker_setups.obedient, workers=1)
     pool.start()
     assert pool.ready(PATIENCE)
     closing_ends(pool, "stuck", tmp_path / "begun", monkeypatch)
 
 
-def test_closing_leaves_a_slot_behind_whose_listener_does_not_come_back(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_closing_leaves_a_slot_behind_whose_listener_does_not_come_back(monkeypatch, caplog):
     monkeypatch.setattr("guidefield.pool.pool.STOPPING_S", 0.3)
     monkeypatch.setattr("guidefield.pool.pool.ENDING_S", 0.1)
     comes_back, heard = threading.Event(), threading.Event()

@@ -110,9 +110,7 @@ SECONDS = st.lists(st.floats(0.01, 5.0), min_size=40, max_size=40)
 
 
 @given(ASKERS, SECONDS)
-def test_a_worker_goes_to_the_user_who_has_the_fewest_and_got_the_least(
-    askers: list[Asker], seconds: list[float]
-) -> None:
+def test_a_worker_goes_to_the_user_who_has_the_fewest_and_got_the_least(askers, seconds):
     """Against a plain account of who has how many workers and got how much, of work that is done at random."""
     waiting = Waiting(Limits())
     for asker in askers:
@@ -154,9 +152,7 @@ def test_whoever_asks_for_little_comes_first_however_much_others_have_waiting() 
 
 
 @given(ASKERS, st.integers(1, 8))
-def test_a_full_queue_pushes_out_who_has_the_most_and_refuses_nobody_who_has_less(
-    askers: list[Asker], most: int
-) -> None:
+def test_a_full_queue_pushes_out_who_has_the_most_and_refuses_nobody_who_has_less(askers, most):
     waiting, counts = Waiting(Limits(tasks=most)), Counter[str]()
     for number, asker in enumerate(askers):
         if counts.total() == most and max(counts.values()) <= counts[asker.user] + 1:
@@ -198,9 +194,7 @@ def test_whoever_asked_steadily_for_little_comes_before_those_who_just_came_with
 
 
 @given(ASKERS, st.integers(1, 3), st.data())
-def test_who_stands_by_takes_only_what_waits_too_long_of_users_without_a_worker(
-    askers: list[Asker], free: int, data: st.DataObject
-) -> None:
+def test_who_stands_by_takes_only_what_waits_too_long_of_users_without_a_worker(askers, free, data):
     """Whatever ordinary workers hold, what is taken and set back is each task once at a time, and none is lost."""
     waiting = Waiting(Limits())
     tasks = [Task(number, 1.0, asker=asker) for number, asker in enumerate(askers)]

@@ -360,9 +360,7 @@ def test_a_refusal_that_coal_does_not_confirm_is_no_answer(monkeypatch):
         motion_free(world, start, end)
 
 
-def test_a_deadline_that_passes_among_the_smallest_distances_leaves_the_verdict(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_deadline_that_passes_among_the_smallest_distances_leaves_the_verdict(monkeypatch):
     """Time is up after a few segments of a pass that asks for both: what the certificate lacks is done."""
 
     class Late:

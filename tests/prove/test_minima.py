@@ -1,7 +1,6 @@
 """The smallest distances along a motion: against many samples by Coal, and attained where they are said to be."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import coal
 import numpy as np
@@ -161,9 +160,7 @@ def test_no_sample_is_closer_to_what_moves(kind: str) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 @pytest.mark.parametrize("seed", range(1))
-def test_closed_meshes_whose_large_nodes_have_boxes_are_measured(
-    name: str, seed: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_closed_meshes_whose_large_nodes_have_boxes_are_measured(name, seed, monkeypatch, tmp_path):
     rng = np.random.default_rng(seed)
     ring = solids.lying(solids.torus(rng.uniform(0.5, 1.2), rng.uniform(0.02, 0.1), 120, 24), seed)
     thin = solids.lying(solids.torus(0.4, 0.002, 90, 8), seed + 3)
@@ -254,9 +251,7 @@ def test_in_contact_the_depth_is_that_of_the_worst_of_some_samples() -> None:
 
 
 @pytest.mark.parametrize("off", [-1e-3, 1e-3])
-def test_a_smallest_distance_that_coal_does_not_confirm_is_no_answer(
-    monkeypatch: pytest.MonkeyPatch, off: float
-) -> None:
+def test_a_smallest_distance_that_coal_does_not_confirm_is_no_answer(monkeypatch, off):
     place = World.build(group("panda"), library_scene("bookshelf"))
     trajectory = clear_motion(place, 0.15)
     measure = World.distance

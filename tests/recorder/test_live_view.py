@@ -201,9 +201,7 @@ def test_what_a_viewer_that_takes_nothing_is_sent_is_bounded(caplog: pytest.LogC
     assert made == []  # nobody listens there
 
 
-def test_a_stream_keeps_no_more_than_some_updates_for_a_viewer_that_takes_nothing(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_stream_keeps_no_more_than_some_updates_for_a_viewer_that_takes_nothing(monkeypatch, caplog):
     monkeypatch.setattr("guidefield.stream.shown.MAX_WAITING", 20)
     monkeypatch.setattr(live_view.Channel, "is_busy", True)
     request = StreamOpen("ur5", "table", goal=JOINTS["goal"], stream_id="s2")

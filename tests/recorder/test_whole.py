@@ -137,9 +137,7 @@ def test_recordings_share_the_file_of_their_scene_and_leave_with_it(crowded: Mad
         assert read_recording(file).request == crowded.request
 
 
-def test_a_scene_of_others_has_a_file_of_its_own_and_goes_when_nothing_needs_it(
-    crowded: MadeUp, tmp_path: Path
-) -> None:
+def test_a_scene_of_others_has_a_file_of_its_own_and_goes_when_nothing_needs_it(crowded, tmp_path):
     file = record(crowded, tmp_path, "one")
     (first,) = (tmp_path / FOLDER).iterdir()
     os.utime(first, (0.0, 0.0))
@@ -163,9 +161,7 @@ def test_a_recording_whose_scene_is_missing_leaves_without_it_and_says_so(crowde
     assert {"/ghosts", "/robot/model/frames"} <= left.entities
 
 
-def test_where_a_disk_has_no_links_the_scene_is_in_the_recording(
-    crowded: MadeUp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_a_disk_has_no_links_the_scene_is_in_the_recording(crowded, tmp_path, monkeypatch):
     def refused(*_: object) -> None:
         raise OSError(errno.EPERM, "no links here")
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -177,9 +176,7 @@ def look_at_one_end(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("plant", [leave_second_order_out, halve_the_sweep, stop_climbing, look_at_one_end])
-def test_slabs_of_a_search_with_a_fault_arent_true(
-    cases: list[tuple[Case, Proof]], plant: Callable[[pytest.MonkeyPatch], None]
-) -> None:
+def test_slabs_of_a_search_with_a_fault_arent_true(cases, plant):
     """A slab of one half of a segment is put into the whole, where the fault lets it pass; the referee refuses it."""
     found = 0
     for case, proof in cases:
@@ -241,9 +238,7 @@ def _gap(arrays: dict[str, np.ndarray], row: int) -> None:
     st.integers(0, 10**6),
     st.sampled_from([_reversed_axis, _claimed_more, _smaller_shape, _moved_origin, _other_body, _gap]),
 )
-def test_a_changed_number_is_refused(
-    cases: list[tuple[Case, Proof]], which: int, row: int, change: Callable[[dict[str, np.ndarray], int], None]
-) -> None:
+def test_a_changed_number_is_refused(cases, which, row, change):
     """Whoever seals a changed proof anew has to keep every slab true, all bodies held, and no gap."""
     some = [(case, proof) for case, proof in cases if len(_between_bodies(proof))]
     case, proof = some[which % len(some)]
@@ -292,9 +287,7 @@ def cut(file: Path) -> None:
 
 
 @pytest.mark.parametrize("spoil", [huge, deep, cut])
-def test_a_file_made_to_hurt_is_refused(
-    spoil: Callable[[Path], None], tmp_path: Path, capsys: Any, monkeypatch: Any
-) -> None:
+def test_a_file_made_to_hurt_is_refused(spoil, tmp_path, capsys, monkeypatch):
     spoil(tmp_path / "proof")
     monkeypatch.setattr("sys.argv", ["referee", str(tmp_path / "proof.npz")])
     assert main() == 2

@@ -32,9 +32,7 @@ def _say_what_can_be_planned_or_what_is_wrong(summaries: dict[str, RobotSummary]
     assert all(summary.dof is not None for summary in summaries.values() if not summary.problem)
 
 
-def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     asked: list[str] = []
 

@@ -113,9 +113,7 @@ def test_a_download_without_end_is_ended(descriptions: Path, monkeypatch: pytest
     assert time.monotonic() - began < 30.0
 
 
-def test_where_the_package_is_missing_the_command_to_install_it_is_told(
-    descriptions: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_the_package_is_missing_the_command_to_install_it_is_told(descriptions, monkeypatch):
     package = descriptions.parents[4] / "path" / "robot_descriptions" / "__init__.py"
     package.write_text("raise ImportError('No module named git')")
     with pytest.raises(RobotInvalid, match=r"pip install 'guidefield\[robot_descriptions\]'"):

@@ -48,9 +48,7 @@ def test_no_point_is_faster_than_the_speed_that_is_said(start: float, span: floa
 
 @given(st.floats(0.0, 5.0), st.floats(1e-4, 0.5), st.integers(0, 2**31))
 @settings(max_examples=15)
-def test_no_plane_comes_closer_to_a_point_at_rest_than_it_is_said_to_pass_it(
-    start: float, span: float, seed: int
-) -> None:
+def test_no_plane_comes_closer_to_a_point_at_rest_than_it_is_said_to_pass_it(start, span, seed):
     motion, rng = ObstacleMotion.of(SWING), np.random.default_rng(seed)
     centre, radius = 3.0 * rng.normal(size=3), 0.3
     offset, normal = rng.normal(size=(2, 3))

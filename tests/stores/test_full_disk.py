@@ -76,9 +76,7 @@ def test_a_full_disk_is_told_and_what_was_kept_stays(small_disk: Path) -> None:
     database.close()
 
 
-def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(
-    small_disk: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(small_disk, monkeypatch):
     monkeypatch.setattr(run_file, "RETRY_INTERVAL_S", 0.0)
     monkeypatch.setattr(run_file, "UPKEEP_INTERVAL_S", 0.02)
     database = RunDatabase(small_disk)
@@ -103,9 +101,7 @@ def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(
     database.close()
 
 
-def test_a_database_that_stays_damaged_is_told_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_database_that_stays_damaged_is_told_once(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(run_file, "UPKEEP_INTERVAL_S", 0.01)
     (tmp_path / FILE).write_bytes(b"no database" * 1_000)
     database = RunDatabase(tmp_path)

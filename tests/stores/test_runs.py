@@ -396,9 +396,7 @@ def test_a_file_system_without_locks_is_told(tmp_path: Path, monkeypatch: pytest
         run_file.connect_writer(tmp_path / FILE)
 
 
-def test_another_program_that_holds_the_file_is_told(
-    database: RunDatabase, runs: UserRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_program_that_holds_the_file_is_told(database, runs, tmp_path, monkeypatch):
     monkeypatch.setattr(run_file, "LONGEST_LOCK_S", 0.1)
     keep(database, "before")
     with sqlite3.connect(tmp_path / FILE, isolation_level=None) as other:
@@ -410,9 +408,7 @@ def test_another_program_that_holds_the_file_is_told(
     assert set(_statuses(runs)) == {"before", "r2"}
 
 
-def test_where_far_fewer_are_to_be_kept_no_answer_waits_for_all(
-    database: RunDatabase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_far_fewer_are_to_be_kept_no_answer_waits_for_all(database, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MOST_DROPPED", 4)
     for number in range(12):
         keep(database, f"r{number}")

@@ -201,9 +201,7 @@ def test_many_who_change_at_once_change_one_after_another(tmp_path: Path) -> Non
     assert all(seen)
 
 
-def test_a_change_that_the_disk_refuses_is_no_version(
-    versioned: SceneStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_change_that_the_disk_refuses_is_no_version(versioned, tmp_path, monkeypatch):
     versioned.write(BALL)
     versioned.change("s", to(1.0))
 

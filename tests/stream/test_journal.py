@@ -200,9 +200,7 @@ def test_a_disk_that_refuses_costs_the_journal_alone(tmp_path: Path, monkeypatch
     assert files_of(tmp_path) == []
 
 
-def test_what_can_not_be_written_in_time_goes_on_in_another_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_can_not_be_written_in_time_goes_on_in_another_file(tmp_path, monkeypatch):
     monkeypatch.setattr(journals, "MOST_WAITING", 1)
     journal = Journal(tmp_path, ASKED, "plain", {})
     with CertifiedStream(ASKED, robot("ur5"), EMPTY, WhenReady(), journal) as stream:

@@ -445,9 +445,7 @@ def tip_with(stream: CertifiedStream, z: ChartPoint) -> Placement:
         ({"speed": 1.0}, MalformedRequest, "speed"),
     ],
 )
-def test_an_update_that_is_ill_posed_names_its_field(
-    fields: dict[str, Any], error: type[GuidefieldError], words: str
-) -> None:
+def test_an_update_that_is_ill_posed_names_its_field(fields, error, words):
     with opened(ball()) as stream, pytest.raises(error, match=words):
         stream.update(time=1.0, **fields)
 

@@ -107,9 +107,7 @@ class TestJoints:
 class TestPoses:
     @settings(max_examples=18)
     @given(QUATERNIONS, TOLERANCES, st.booleans(), st.integers(0, 1), st.integers(0, 2**32 - 1))
-    def test_every_rotation_that_the_goal_allows_moveit_allows(
-        self, wanted: np.ndarray, tolerances: tuple[float, float, float], free: bool, kind: int, seed: int
-    ):
+    def test_every_rotation_that_the_goal_allows_moveit_allows(self, wanted, tolerances, free, kind, seed):
         if free:
             tolerances = (*tolerances[:2], 3.2)
         found = goal(constraints(orientations=[orientation(TIP, turned(*wanted), tolerances, kind)]))
@@ -132,9 +130,7 @@ class TestPoses:
         st.sampled_from([(BOX, 0.2, 0.04, 0.1), (BALL, 0.05), (CYLINDER, 0.2, 0.03)]),
         st.integers(0, 2**32 - 1),
     )
-    def test_every_place_that_the_goal_allows_is_in_the_region(
-        self, region: np.ndarray, wanted: np.ndarray, shape: tuple[int, ...], seed: int
-    ):
+    def test_every_place_that_the_goal_allows_is_in_the_region(self, region, wanted, shape, seed):
         at = pose(0.4, 0.1, 0.5, tuple(region))
         tip = [orientation(TIP, turned(*wanted), (0.1, 0.1, 0.1), 1)]
         for turns in ([], tip):
@@ -256,9 +252,7 @@ class TestPaths:
 
     @settings(max_examples=18)
     @given(QUATERNIONS, TOLERANCES, st.booleans(), st.integers(0, 2**32 - 1))
-    def test_every_rotation_within_the_cones_moveit_allows(
-        self, wanted: np.ndarray, tolerances: tuple[float, float, float], free: bool, seed: int
-    ):
+    def test_every_rotation_within_the_cones_moveit_allows(self, wanted, tolerances, free, seed):
         if free:
             tolerances = (*tolerances[:2], 3.2)
         found = self.kept(constraints(orientations=[orientation(TIP, turned(*wanted), tolerances)]))

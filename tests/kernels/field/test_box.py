@@ -74,9 +74,7 @@ def test_agrees_with_its_triangles(size: np.ndarray, point: np.ndarray) -> None:
 
 @laws
 @given(sizes, vectors(2.0), rigid_motions(), st.floats(-3.0, 3.0).map(lambda e: 10.0**e))
-def test_motion_and_scaling(
-    size: np.ndarray, point: np.ndarray, motion: tuple[np.ndarray, np.ndarray], scale: float
-) -> None:
+def test_motion_and_scaling(size, point, motion, scale):
     near = distance(point, size)
     assume(near > 0.05)
     rotation, translation = motion
@@ -180,14 +178,7 @@ def test_capsule_gradient_is_the_derivative(point: np.ndarray, p0: np.ndarray, p
 
 @laws
 @given(vectors(2.0), vectors(1.0), vectors(1.0), st.floats(0.05, 0.5), rigid_motions(), st.floats(-4.0, 4.0))
-def test_capsule_moves_turns_round_and_scales(
-    point: np.ndarray,
-    p0: np.ndarray,
-    p1: np.ndarray,
-    radius: float,
-    motion: tuple[np.ndarray, np.ndarray],
-    exponent: float,
-) -> None:
+def test_capsule_moves_turns_round_and_scales(point, p0, p1, radius, motion, exponent):
     assume(distance_to_segment(point, p0, p1) > 0.01)
     rotation, translation = motion
     size = 10.0**exponent
@@ -213,9 +204,7 @@ def test_capsule_of_no_length_is_a_sphere(point: np.ndarray, radius: float) -> N
 
 @laws
 @given(vectors(1.0), vectors(1.0), vectors(1.0), st.floats(0.05, 0.5), st.floats(0.0, 1.0 + CAPSULE_SHELL))
-def test_inside_the_shell_a_capsule_has_the_field_of_the_shell(
-    p0: np.ndarray, p1: np.ndarray, direction: np.ndarray, radius: float, share: float
-) -> None:
+def test_inside_the_shell_a_capsule_has_the_field_of_the_shell(p0, p1, direction, radius, share):
     length = float(np.linalg.norm(p1 - p0))
     assume(length > 1e-3 and share > 1e-3)
     across = np.cross(direction, p1 - p0)

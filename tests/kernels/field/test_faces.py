@@ -80,9 +80,7 @@ def test_gradient_is_the_derivative_of_the_potential(corners: np.ndarray, point:
 
 @laws
 @given(triangles, vectors(2.0))
-def test_curvature_is_the_derivative_with_the_height_at_constant_denominator(
-    corners: np.ndarray, point: np.ndarray
-) -> None:
+def test_curvature_is_the_derivative_with_the_height_at_constant_denominator(corners, point):
     # Phi = (2/h) atan2(4 A h, F): the classical F, differentiated numerically in h alone.
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     area = 0.5 * float(np.linalg.norm(normal))

@@ -95,9 +95,7 @@ def _taken(node: ast.AST) -> list[str]:
         ("", "1.2", True),
     ],
 )
-def test_variable_and_version_say_whether_and_keep_machine_code_apart(
-    monkeypatch: pytest.MonkeyPatch, said: str, numba: str, plain: bool
-) -> None:
+def test_variable_and_version_say_whether_and_keep_machine_code_apart(monkeypatch, said, numba, plain):
     monkeypatch.setattr(first_start, "version", lambda _: numba)
     monkeypatch.setenv(PLAIN_VARIABLE, said)
     assert plain_numba() is plain

@@ -87,9 +87,7 @@ def test_jerk_limits_are_kept_and_cost_time(jerk: float) -> None:
 
 @settings(max_examples=9)
 @given(st.integers(0, 10_000), st.sampled_from([None, 20.0]), st.sampled_from(["y x", "slide y x", "planar y"]))
-def test_every_motion_is_within_limits_and_no_slower_than_one_joint_needs(
-    seed: int, jerk: float | None, joints: str
-) -> None:
+def test_every_motion_is_within_limits_and_no_slower_than_one_joint_needs(seed, jerk, joints):
     planned = grouped(box_arm(joints, 0, size=0.25))
     rng = np.random.default_rng(seed)
     path = np.array([planned.chart(planned.random(rng)) for _ in range(3)])

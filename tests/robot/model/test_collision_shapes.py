@@ -87,9 +87,7 @@ def test_links_share_a_file_at_different_scales(tmp_path: Path) -> None:
         (written.stl([part((0, 0, 0), (float("nan"), 1, 1))]), "has a vertex at ["),
     ],
 )
-def test_a_mesh_that_cannot_be_read_is_told_with_line_link_and_cause(
-    content: bytes, cause: str, tmp_path: Path
-) -> None:
+def test_a_mesh_that_cannot_be_read_is_told_with_line_link_and_cause(content, cause, tmp_path):
     with pytest.raises(RobotInvalid) as refused:
         robot_of(tmp_path, "cube.stl", content)
     assert refused.value.message.startswith(f"line 2: mesh 'cube.stl' of link 'b' {cause}")
