@@ -1,4 +1,4 @@
-"""What others cost a client: some stopped, some that read slowly, and users who ask for far too much or for too long.
+"""Costs of others to a client: some stopped, some that read slowly, users who ask for far too much or for too long.
 
 Usage: tools/attack isolation [--stopped N] [--slow N] [--greedy U] [--seconds S] [--workers W] [--judge]
 
@@ -36,11 +36,11 @@ from guidefield import Client, GuidefieldError, QuotaExceeded, ServerBusy
 from guidefield.cli.serving import service_in_child
 
 RATE = 200_000
-"""What a slow client reads in a second [bytes]."""
+"""Bytes that a slow client reads in a second."""
 STEP = 0.05
-"""How often the service's work is looked at [s]."""
+"""Time between two looks at the service's work [s]."""
 AT_ONCE = 10
-"""How many plans a greedy user has asked for at any time."""
+"""Number of plans that a greedy user waits for at any time."""
 PAUSE = 0.05
 """Between two questions of the healthy user [s]."""
 PLAN = {
@@ -54,12 +54,12 @@ PLAN = {
 LONG = {**WALLED, "allowed_planning_time": 30.0}
 """From one side of a wall to the other: a search that takes its 30 s."""
 LONG_AT_ONCE = 4
-"""How many of them a user has asked for at any time."""
+"""Number of them that a user waits for at any time."""
 BEYOND = {"users": {"bounded": {"per_second": 1}}}
 REFUSALS = 300
-"""How many queries beyond that quota are asked."""
+"""Number of queries beyond that quota."""
 GOAL_BEGUN, GOAL_REFUSED = 1.0, 5e-3
-"""How long a plan may wait beside long ones, and how long a refusal may take [s]."""
+"""Longest wait of a plan beside long ones, and longest time of a refusal [s]."""
 LARGE = """
 import json, sys, threading, zenoh
 config = zenoh.Config()
@@ -79,7 +79,7 @@ with zenoh.open(config) as session:
 
 @dataclass
 class Tally:
-    """What a user got: how long its answers took and its plans waited [s], how often it was refused or not answered."""
+    """A user's answers: their times and the waits of its plans [s], numbers of refusals, and failures."""
 
     seconds: list[float] = field(default_factory=list)
     plans: list[float] = field(default_factory=list)
@@ -146,7 +146,7 @@ def asking(endpoint: str, user: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def measured(endpoint: str, seconds: float, *, beside: bool = False) -> Tally:
-    """What the healthy user gets for a while, once nobody's work is under way unless it is to be beside that."""
+    """Ask as the healthy user for a while, once nobody's work is under way unless it is to be beside that."""
     tally = Tally()
     with Client.connect(endpoint, user="healthy", wait=60.0) as client:
         while not beside and (told := client.info()).busy + told.queue:
@@ -156,7 +156,7 @@ def measured(endpoint: str, seconds: float, *, beside: bool = False) -> Tally:
 
 
 def crowded(endpoint: str, users: list[str], at_once: int, seconds: float) -> Tally:
-    """What users get together who each have some plans asked for at any time."""
+    """Ask as users who each wait for some plans at any time; return what they get together."""
     tally, until = Tally(), time.monotonic() + seconds
     with contextlib.ExitStack() as opened, ThreadPoolExecutor(max(1, at_once * len(users))) as threads:
         for user in users:
@@ -184,7 +184,7 @@ def held(endpoint: str, users: list[str], workers: int) -> Iterator[None]:
 
 
 def refused(endpoint: str) -> list[float]:
-    """How long answers to queries beyond a quota take [s]."""
+    """Measure the times of answers to queries beyond a quota [s]."""
     times = []
     with Client.connect(endpoint, user="bounded", wait=60.0) as client:
         while len(times) < REFUSALS:

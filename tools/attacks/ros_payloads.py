@@ -29,7 +29,7 @@ WORDS = (0, 1, 2**31 - 1, 2**31, 2**32 - 1, 10**6, 16)
 
 @dataclass(frozen=True)
 class Sent:
-    """What is sent to a service.
+    """A query to a service.
 
     Attributes:
         name: Of the service.

@@ -58,7 +58,7 @@ GROWTH = 0.02
 JUDGED_FROM = 600.0
 """Memory is judged in runs that take at least so long [s], unless they are told to; shorter ones still warm up."""
 WARMED_WITHIN = 60.0
-"""How long the workers may take to be there again after the last was killed, and others to stand still [s]."""
+"""Time within which workers are there again after the last kill, and for which others stand still [s]."""
 CUT_EVERY = 3.0, 20.0
 """Between which times the link is cut, at random [s]."""
 KILLED_AFTER = 20.0
@@ -88,7 +88,7 @@ class Case:
 
 @dataclass
 class Tally:
-    """What became of the requests.
+    """The outcomes of the requests.
 
     Attributes:
         answers: By what they were.
@@ -115,7 +115,7 @@ class Tally:
     starved: list[float] = field(default_factory=list)
 
     def was_full(self, begun: float) -> bool:
-        """Whether the disk was full since a time, or little before [s]."""
+        """Return whether the disk was full since a time, or little before [s]."""
         return any(until > begun - 1.0 for _, until in self.full)
 
 
@@ -151,7 +151,7 @@ def _right(request: dict[str, object]) -> object:
 
 
 def _lasting(reply: dict[str, object] | Reply) -> object:
-    """What is the same in every run: of a plan its path, of anything else all."""
+    """Keep what is the same in every run: of a plan its path, of anything else all."""
     return [reply["path"], reply["status"]["name"]] if "path" in reply else reply
 
 
@@ -194,7 +194,7 @@ def ask(session: zenoh.Session, user: str, case: Case, tally: Tally, service: Ch
 
 
 def cut_short(reply: dict[str, Any]) -> bool:
-    """Whether a plan says that its time was up before it was as good as it gets."""
+    """Return whether a plan says that its time was up before it was as good as it gets."""
     return HURRIED in reply["warnings"] or reply["status"]["name"] == "TIMED_OUT"
 
 
@@ -215,7 +215,7 @@ def _wrong(tally: Tally, what: str) -> None:
 
 
 def same(a: object, b: object) -> bool:
-    """Whether two values are the same, numbers within `ROUNDING`: a distance depends on where its search begins."""
+    """Return whether two values are the same, numbers within `ROUNDING`: a search for a distance begins anywhere."""
     if isinstance(a, float) and isinstance(b, float):
         return abs(a - b) <= ROUNDING * max(1.0, abs(b))
     if isinstance(a, list) and isinstance(b, list):
@@ -398,7 +398,7 @@ def feel_pulse(tally: Tally, over: threading.Event) -> None:
 
 
 def growth(samples: list[int]) -> float:
-    """How much more the last tenth has than the first."""
+    """Return the growth from the first tenth of samples to the last, as a share."""
     tenth = max(1, len(samples) // 10)
     return max(samples[-tenth:]) / max(samples[:tenth]) - 1.0
 

@@ -157,7 +157,7 @@ def _grow(
 
 
 def _hits(world: World, path: np.ndarray) -> bool:
-    """Whether a path touches anything on the exact meshes."""
+    """Return whether a path touches anything on the exact meshes."""
     for a, b in itertools.pairwise(path):
         count = max(1, int(np.ceil(np.linalg.norm(b - a) / JUDGED_STEP)))
         for share in np.arange(1, count + 1) / count:

@@ -60,7 +60,7 @@ WARM = 5
 """Answers that don't count."""
 PLAIN, SERVICE, IN_PROCESS = "plain", "service", "in process"
 Figures = dict[tuple[str, str], float]
-"""What was measured: the quantity and the target."""
+"""Measured values by quantity and target."""
 GOALS: tuple[tuple[str, float, Callable[[Figures], float]], ...] = (
     (
         "forward kinematics over Zenoh / plain, median",
@@ -88,7 +88,7 @@ GOALS: tuple[tuple[str, float, Callable[[Figures], float]], ...] = (
 
 @dataclass(frozen=True)
 class Target:
-    """What is asked: where it listens, its process, and its keys of kinematics and plans."""
+    """A queryable: where it listens, its process, and its keys of kinematics and plans."""
 
     endpoint: str
     pid: int

@@ -1,4 +1,4 @@
-"""How costs grow with everything that a user can have many of: at n, 4 n and 16 n.
+"""Growth of costs with everything that a user can have many of: at n, 4 n and 16 n.
 
 Usage: tools/bench growth [SUBJECT ..] [--sizes 10,100,1000] [--small]
 
@@ -70,7 +70,7 @@ SIZES: dict[str, int] = {
 }
 """n of each subject."""
 RATIOS = {"links": 2}
-"""How many times as large the next size is, where it isn't 4."""
+"""Factors from one size to the next, where they aren't 4."""
 FLAT = ("results", "cycles")
 """Subjects whose memory mustn't grow: nothing is kept of them in memory."""
 WORSE, GROWS = 1.25, 1.1
@@ -230,7 +230,7 @@ def _client() -> Iterator[tuple[Target, Client]]:
 
 
 def _processor_time(service: Target, work: Callable[[], object]) -> float:
-    """What a service's processes take while something is done [s]."""
+    """Measure the processor time of a service while something is done [s]."""
     before = read_costs(service.pid)
     work()
     return float((read_costs(service.pid) - before)[:2].sum())

@@ -1,4 +1,4 @@
-"""What one number of something costs, measured in a process that has done nothing else: its times and its memory."""
+"""The cost of one number of something in a process that has done nothing else: its times and its memory."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ SUBJECTS: dict[str, Callable[[], Callable[[int], Costs]]] = {
     "results": lambda: batch_results,
     "cycles": lambda: stream_cycles,
 }
-"""What is measured in a process, by name."""
+"""Subjects that are measured in a process, by name."""
 
 
 def main() -> None:
@@ -163,7 +163,7 @@ def main() -> None:
 
 
 def _memory(field: str) -> float:
-    """What the system tells of this process's memory [MB]."""
+    """Return a figure of this process's memory [MB]."""
     return int(Path("/proc/self/status").read_text().partition(f"{field}:")[2].split()[0]) / 1e3
 
 

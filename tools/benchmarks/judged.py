@@ -104,7 +104,7 @@ def _row(
 
 
 def _stand_off(given: Problems, pair: list[str]) -> float:
-    """How far what is judged of two bodies stands off from their meshes together, at most [m]."""
+    """Return how far what is judged of two bodies stands off from their meshes together, at most [m]."""
     of = Counter[str]()
     for choice in given.group.robot.geometry_choices:
         of[choice.link] = max(of[choice.link], choice.stand_off)

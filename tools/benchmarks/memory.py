@@ -1,4 +1,4 @@
-"""How much memory a worker takes under requests that are all different: it levels off.
+"""Memory of a worker under requests that are all different: it levels off.
 
 Usage: tools/bench memory [--requests N] [--every N] [--settled N] [--most-growth SHARE] [--robots NAME ...]
        [--found MB]

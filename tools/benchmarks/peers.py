@@ -52,7 +52,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a planner came to.
+    """A planner's result.
 
     Attributes:
         path: Values of the group's joints (n, nv), simplified; None if it found none.

@@ -1,4 +1,4 @@
-"""What the benchmarks share: the public problems, as planning groups, scenes and chart points.
+"""The public problems that benchmarks share, as planning groups, scenes, configurations and requests.
 
 A folder holds `problems/<robot>.json.gz`, `robots/<robot>/<robot>.urdf` and, if rows of other planners are wanted,
 `peers.json.gz`; service/docs/benchmarks.md says how the first two are written.

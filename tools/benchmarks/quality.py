@@ -1,4 +1,4 @@
-"""How good whole plans are: certified, truly free, how far from everything, how long, how smooth, and their times.
+"""Quality of whole plans: certificate, contacts, clearance, length, smoothness, duration, and their times.
 
 Usage: tools/bench quality <folder> [--robots panda,ur5,fetch,baxter] [--every N] [--peers] [--worst N]
        [--poses] [--acceleration A] [--jerk J] [--objective balanced]
@@ -60,7 +60,7 @@ LEFT_OUT = 3
 
 STAGES = ("load", "ends", "connect", "relax", "parameterize", "certify", "whole")
 AT_THE_ENDS = 1e-3
-"""How much less than the ends' own clearance still counts as theirs [m]."""
+"""A clearance less than the ends' own by at most this counts as theirs [m]."""
 
 VampRows = dict[tuple[str, int], dict[str, Any]]
 
@@ -77,7 +77,7 @@ class Judged:
 
     @property
     def at_the_ends(self) -> bool:
-        """Whether nothing between the ends is closer than they are."""
+        """Return whether nothing between the ends is closer than they are."""
         return self.minimum >= self.ends - AT_THE_ENDS
 
 

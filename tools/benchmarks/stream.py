@@ -43,7 +43,7 @@ PANDA_JERKS = (7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0)
 """A Panda's own limits, as its maker states them beside the accelerations that its description has [rad/s^3]."""
 
 SMALLEST_GAP = 0.10
-"""What boxes keep from a Panda's start and goal at first [m]."""
+"""Distance of boxes from a Panda's start and goal at first [m]."""
 
 
 def run(arguments: list[str]) -> None:

@@ -178,13 +178,13 @@ def body(
 
 
 def touches(loaded: Loaded, drawn: Drawn, reply: PlanReply) -> bool:
-    """Whether a sample of a reply's motion touches an obstacle as it stands then."""
+    """Return whether a sample of a reply's motion touches an obstacle as it stands then."""
     curve = planned_curve(reply)
     return judge_of(loaded, drawn.request, names_of(reply.position_names)).along_all(curve).obstacle.distance <= 0.0
 
 
 def touched(loaded: Loaded, obstacles: list[messages.Obstacle]) -> bool:
-    """Whether any obstacle touches a robot at rest, or comes within 30 mm of it, as it passes."""
+    """Return whether any obstacle touches a robot at rest, or comes within 30 mm of it, as it passes."""
     times = np.arange(0.0, LATEST + SAMPLES, SAMPLES)
     judge = loaded.judge(frozenset(joint.name for joint in loaded.movable), obstacles=obstacles)
     distances, _ = judge.measured({name: np.repeat(one, len(times)) for name, one in judge.whole({}).items()}, times)

@@ -34,11 +34,11 @@ SIZES = (0.01, 0.033, 0.05, 0.1, 0.12, 0.3)
 LINK = 0.3
 """Length of a link [m]."""
 STEP = 0.02
-"""How far a motion turns [rad] or slides [m]."""
+"""Length of a motion [rad or m]."""
 DEPTHS = (1e-4, 5e-4, 1e-3, 3e-3, 6e-3, 1.25e-2)
 """Gaps and depths [m]."""
 WITHIN = 3.1
-"""What joints turn by stays within this, so that they keep their limits [rad]."""
+"""Joints turn by at most this, so that they keep their limits [rad]."""
 TRIES = 4
 
 Rng = np.random.Generator

@@ -40,17 +40,17 @@ KINDS = {
 }
 """Kinds of plans, and how often each is asked for."""
 SECONDS = 1.0
-"""How long a plan may take [s]."""
+"""Time that a plan may take [s]."""
 DRAWS = 25
 """Ends that are drawn until one is free."""
 ROAM = 0.6
-"""How far a joint without limits goes that slides [m]."""
+"""Range of a sliding joint without limits [m]."""
 SHORT = 0.4
 """Of most motions the goal is within this share of the way to a random one."""
 CROWDS = 0.3
 """Among so many of the plans among what moves it is a crowd, of which those that matter are looked at alone."""
 OWN_ROOM = 5e-4
-"""What links keep from each other at ends [m]."""
+"""Distance between links at ends [m]."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def _more(
 
 
 def tip_poses(loaded: Loaded, wires: list[Wire], setting: dict[str, Any]) -> list[Any]:
-    """Where the tip is at values of all joints, in the world."""
+    """Return where the tip is at values of all joints, in the world."""
     judge = loaded.judge(frozenset(), placement=setting["placement"])
     return [judge.frame_at(as_values(wire), loaded.model.tip) for wire in wires]
 

@@ -84,7 +84,7 @@ def shrunk(loaded: Loaded, request: Request, kind: Kind) -> Request:
 
 
 def contradicted(loaded: Loaded, request: Request) -> tuple[Disagreement, ...]:
-    """What contradicts the answer to a request: samples, and the referee or HPP where these say nothing."""
+    """Find what contradicts the answer to a request: samples, and the referee or HPP where these say nothing."""
     came = doubted(loaded, request)
     if came.found or not isinstance(came.reply, CertifyReply) or not isinstance(request, CertifyRequest):
         return came.found

@@ -1,4 +1,4 @@
-"""What a reply says held against what the sampling judge finds: each contradiction is a disagreement."""
+"""Replies held against the findings of the sampling judge: each contradiction is a disagreement."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ OFF = 1e-4
 BEYOND = 1e-9
 """A joint may be beyond its limit by this [rad or m], a share of a limit off by it."""
 FLOOR = 3e-5
-"""What can't be told apart is that close at least [m]."""
+"""Pairs that can't be told apart are that close at least [m]."""
 LEFT = 1.1e-3
-"""What is left at the start has been left from there on [m]."""
+"""A contact at the start has been left from this distance on [m]."""
 REACHED = 1e-6
 """The tip may be beyond its goal's tolerance by this [m or rad]."""
 END = 0.31
@@ -47,7 +47,7 @@ KEPT = 1e-6
 
 
 class Kind(enum.StrEnum):
-    """What kind of disagreement it is."""
+    """The kinds of disagreement."""
 
     FALSE_CERTIFICATE = "certified, but not free"
     FALSE_REFUSAL = "refused, but free"
@@ -138,7 +138,7 @@ def covered_from(covers: str, curve: Curve) -> float:
 def about_plan(
     loaded: Loaded, request: PlanRequest, reply: PlanReply, judge: Judge
 ) -> tuple[list[Disagreement], Sampled | None]:
-    """What contradicts a plan's reply, and what was sampled along its motion."""
+    """Return what contradicts a plan's reply, and what was sampled along its motion."""
     found: list[Disagreement] = []
     curve = planned_curve(reply)
     found += _about_ends(request, reply, judge)
@@ -170,7 +170,7 @@ def about_plan(
 def about_certify(
     loaded: Loaded, request: CertifyRequest, reply: CertifyReply, judge: Judge, curve: Curve, sampled: Sampled
 ) -> list[Disagreement]:
-    """What contradicts the reply to a certify request."""
+    """Return what contradicts the reply to a certify request."""
     found: list[Disagreement] = []
     verdict, at = reply.certificate, standing(loaded, request, curve)
     if verdict.collision_free:
@@ -199,12 +199,12 @@ def measured_otherwise(judge: Judge, curve: Curve, sampled: Sampled) -> list[Dis
 
 
 def unmeasured(warnings: list[str]) -> bool:
-    """Whether a reply says that there was no time to find its figures."""
+    """Return whether a reply says that there was no time to find its figures."""
     return any("while distances were measured" in one for one in warnings)
 
 
 def _certified(judge: Judge, curve: Curve, sampled: Sampled) -> list[Disagreement]:
-    """What contradicts that a motion is free and keeps what is asked for."""
+    """Return what contradicts that a motion is free and keeps what is asked for."""
     found = []
     for nearest, required in ((sampled.obstacle, judge.setting.min_clearance), (sampled.own, 0.0)):
         if nearest.distance < required - CLOSER * judge.subject.size:
@@ -258,7 +258,7 @@ def _violations(judge: Judge, curve: Curve, one: PathConstraint, times: np.ndarr
 def _refused(
     judge: Judge, curve: Curve, sampled: Sampled, reply: CertifyReply, request: CertifyRequest
 ) -> list[Disagreement]:
-    """What contradicts that a motion touches or is too close where the verdict says so, and is free before."""
+    """Return what contradicts that a motion touches or is too close where the verdict says so, and is free before."""
     verdict, found = reply.certificate, []
     if (
         verdict.reason in ("contact", "too close", "undecided")
@@ -408,7 +408,7 @@ def _attained(judge: Judge, curve: Curve, told: Any) -> list[Disagreement]:
 
 
 def _near(judge: Judge, said: float, there: float, slack: float) -> bool:
-    """Whether a distance is told rightly; in contact depths aren't compared."""
+    """Return whether a distance is told rightly; in contact depths aren't compared."""
     off = OFF * judge.subject.size
     return (said <= 0.0 and there <= slack) or there - slack - off <= said <= there + off
 
@@ -468,7 +468,7 @@ def _metrics(reply: PlanReply, curve: Curve) -> list[Disagreement]:
 
 
 def _same(asked: np.ndarray, values: np.ndarray) -> bool:
-    """Whether values of a joint mean the same place, up to whole turns and the sign of a quaternion."""
+    """Return whether values of a joint mean the same place, up to whole turns and the sign of a quaternion."""
     if len(asked) >= 4:
         turned = min(np.abs(asked[-4:] - s * values[-4:]).max() for s in (1.0, -1.0))
         return bool(turned < 1e-5 and np.abs(asked[:-4] - values[:-4]).max(initial=0.0) < 1e-5)

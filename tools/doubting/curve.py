@@ -31,7 +31,7 @@ Values = dict[str, np.ndarray]
 Columns = list[list[float]]
 
 ROTATION = {4: slice(0, 3), 7: slice(3, 6)}
-"""Where the rotation vector is in the chart of a joint with that many positions."""
+"""Place of the rotation vector in the local coordinates of a joint, by its number of positions."""
 
 
 @dataclass(frozen=True)

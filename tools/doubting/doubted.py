@@ -28,7 +28,7 @@ BUGS = (InternalFailure, WorkerCrashed)
 
 @dataclass(frozen=True, eq=False)
 class Doubted:
-    """What came of a request.
+    """The outcome of a request.
 
     Attributes:
         reply: The reply; None where it was refused as ill-posed, or failed.
@@ -48,7 +48,7 @@ class Doubted:
 
     @property
     def untold(self) -> bool:
-        """Whether time ended the judgement or the figures."""
+        """Return whether time ended the judgement or the figures."""
         if self.reply is None:
             return False
         return self.reply.status.name in ("TIMED_OUT", "PREEMPTED") or unmeasured(self.reply.warnings)

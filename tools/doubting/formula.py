@@ -76,7 +76,7 @@ class Formula:
         return np.ascontiguousarray(np.hstack(parts))
 
     def moved_by(self, planned: set[str]) -> list[frozenset[int]]:
-        """Which of the planned joints, or their followers, are before each shape: indices of `model`."""
+        """Return which of the planned joints, or their followers, are before each shape: indices of `model`."""
         moving = {j for j in range(1, self.model.njoints) if self._leader(self.model.names[j]) in planned}
         return [
             frozenset(j for j in self.model.supports[shape.parentJoint] if j in moving)

@@ -27,7 +27,7 @@ WANTED = "hpp-python>=9,<10"
 
 @dataclass(frozen=True)
 class Heard:
-    """What HPP says of a motion.
+    """HPP's answer about a motion.
 
     Attributes:
         answer: "contact", "free", "grazes" where nothing is deeper than 2 um, or "not judged".
@@ -45,7 +45,7 @@ class Heard:
 
 
 def installed() -> bool:
-    """Whether its environment is there."""
+    """Return whether its environment is there."""
     return _libraries() is not None
 
 
@@ -86,7 +86,7 @@ def heard(cases: list[dict[str, Any]], seconds: float) -> list[Heard]:
 
 
 def _asked(cases: list[dict[str, Any]], seconds: float) -> tuple[list[str], str]:
-    """What a process says of cases, a line each, and its last words or how it ended."""
+    """Ask a process about cases; return a line for each, and its last words or how it ended."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "cases.json")
         file.write_text(json.dumps({"format": case_file.FORMAT, "cases": cases}))
@@ -103,5 +103,5 @@ def _asked(cases: list[dict[str, Any]], seconds: float) -> tuple[list[str], str]
 
 
 def _libraries() -> Path | None:
-    """Where its libraries are, if it is installed."""
+    """Return where its libraries are, if it is installed."""
     return next(VENV.glob("lib/python3*/site-packages/cmeel.prefix/lib"), None)

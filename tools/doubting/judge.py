@@ -26,14 +26,14 @@ from guidefield.referee.shapes import distance, winding
 FAR = 0.1
 """Pairs whose balls are farther apart are not measured exactly, unless all are [m]."""
 STEP = 0.06
-"""How far a coordinate goes from one place to the next that is looked at [rad or m]."""
+"""Distance of a coordinate from one sampled place to the next [rad or m]."""
 FEWEST, MOST = 24, 160
 CLOSER, LEVELS = 8, 4
-"""How many places are looked at between two neighbours of a nearest one, how often."""
+"""Number of places between two neighbours of a nearest one, and number of times that they are refined."""
 CANDIDATES = 4
 """So many nearest places of pairs with obstacles, and of own pairs, are looked at closer, by each of the hopes."""
 HOPES = (0.0, 0.25, 0.5)
-"""How much lower than at a place it may be beside it, as shares of what it rises to a neighbour."""
+"""Drops of a distance beside a place that are hoped for, as shares of its rise to a neighbour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a motion is judged among.
+    """The surroundings of a motion that is judged.
 
     Attributes:
         planned: Joints that the motion moves.
@@ -134,7 +134,7 @@ NONE = Nearest(np.inf, 0.0, None, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """What was found along a curve.
+    """The distances along a curve.
 
     Attributes:
         obstacle: The nearest of links and obstacles.
@@ -238,7 +238,7 @@ class Judge:
         self.slacks = slacks[self.pairs].sum(axis=1)
 
     def _as_one(self, i: int, j: int) -> bool:
-        """Whether two shapes are fixed to each other."""
+        """Return whether two shapes are fixed to each other."""
         bodies = self.geometry.geometryObjects
         return bool(bodies[i].parentJoint == bodies[j].parentJoint)
 
@@ -405,7 +405,7 @@ class Judge:
         return np.array([p for p in range(len(self.pairs)) if set(self.pair_names(p)) == set(names)], int)
 
     def of_points(self, names: Sequence[str]) -> bool:
-        """Whether one of two names is a point cloud's, whose balls are judged by what surrounds them."""
+        """Return whether one of two names is a point cloud's, whose balls are judged by what surrounds them."""
         everything = [*self.setting.obstacles, *(one.obstacle for one in self.setting.attached)]
         return any(isinstance(one, messages.PointCloud) and one.name in names for one in everything)
 
@@ -426,7 +426,7 @@ class Judge:
 
     @property
     def ends(self) -> float:
-        """When the last obstacle comes to rest [s]."""
+        """Return when the last obstacle comes to rest [s]."""
         return max((one.trajectory.times[-1] for _, one, _ in self._flights if one.trajectory), default=0.0)
 
     def distances_at(self, values: Values, time: float = 0.0) -> np.ndarray:
@@ -450,16 +450,16 @@ class Judge:
         return self._base.rotation @ unit
 
     def moving_centres(self) -> np.ndarray:
-        """Where shapes are that move, shape (n, 3) [m, world]."""
+        """Return where shapes are that move, shape (n, 3) [m, world]."""
         return np.array([self._base.act(self._scratch.oMg[i].translation) for i in self.moving])
 
     def frame_at(self, values: Values, frame: str) -> Any:
-        """Where a frame is at values of one row, in the world."""
+        """Return where a frame is at values of one row, in the world."""
         pin.forwardKinematics(self._model, self._data, self.configurations(values)[0])
         return self._base * pin.updateFramePlacement(self._model, self._data, _frame(self._model, frame))
 
     def frame_placements(self, curve: Curve, times: np.ndarray, frame: str) -> list[Any]:
-        """Where a frame is at times (n,) of a curve, in the world."""
+        """Return where a frame is at times (n,) of a curve, in the world."""
         index, found = _frame(self._model, frame), []
         for q in self.configurations(curve.at(times)):
             pin.forwardKinematics(self._model, self._data, q)
@@ -468,7 +468,7 @@ class Judge:
 
     @property
     def moves(self) -> bool:
-        """Whether an obstacle moves."""
+        """Return whether an obstacle moves."""
         return bool(self._flights)
 
     def least_of(self, curve: Curve, names: frozenset[str]) -> float:

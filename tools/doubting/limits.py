@@ -1,4 +1,4 @@
-"""How a curve stands to its limits: the extremes of its cubics in closed form, limits as URDF and request say."""
+"""Extremes of a curve beside its limits: of its cubics in closed form, limits as URDF and request say."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RATES = ("velocity", "acceleration", "jerk")
 
 @dataclass(frozen=True)
 class Standing:
-    """How a curve stands to its limits.
+    """The extremes of a curve beside its limits.
 
     Attributes:
         excess: The farthest that a joint is beyond a limit of the URDF [rad or m]; negative within.
@@ -36,7 +36,7 @@ class Standing:
 
 
 def standing(loaded: Loaded, request: Request, curve: Curve) -> Standing:
-    """How a curve stands to the limits of a robot and of a request."""
+    """Compare a curve with the limits of a robot and of a request."""
     scalar = {part.name: part.at.start for part in curve.parts if part.width == 1}
     z, rest = curve.points, []
     if curve.rates is None or len(curve.times) == 1:  # one row stands still
@@ -113,7 +113,7 @@ def _excesses(loaded: Loaded, at: dict[str, int], low: np.ndarray, high: np.ndar
 
 
 def _noise(curve: Curve, z: np.ndarray, limits: dict[str, np.ndarray]) -> dict[str, float]:
-    """What rounding of positions does to each share: they are divided by a power of the shortest time."""
+    """Bound the rounding of each share: positions are divided by a power of the shortest time."""
     shortest = float(np.diff(curve.times).min(initial=np.inf))
     rounding = 64.0 * np.finfo(float).eps * (1.0 + np.abs(z).max(initial=0.0)) * _conditioning(curve)
     return {

@@ -85,7 +85,7 @@ CRACK = 1e-3
 
 
 def is_closed(vertices: np.ndarray, triangles: np.ndarray, crack: float = CRACK) -> bool:
-    """Whether each edge is run through as often in one sense as in the other, corners at one place being one."""
+    """Return whether each edge is run through as often in one sense as in the other, corners at one place being one."""
     places, corners = np.unique(vertices, axis=0, return_inverse=True)
     near = cKDTree(places).query_pairs(crack, output_type="ndarray")
     links = coo_array((np.ones(len(near), bool), (near[:, 0], near[:, 1])), shape=(len(places), len(places)))

@@ -29,7 +29,7 @@ from guidefield.messages.requests import (
 from guidefield.messages.values import Placement
 
 SECONDS = 2.0
-"""How long a judgement may take [s]."""
+"""Time that a judgement may take [s]."""
 replaced = msgspec.structs.replace
 
 
@@ -471,7 +471,7 @@ WEIGHTS: dict[Mutation, float] = {
     delayed: 0.5,
     backwards: 0.5,
 }
-"""How often each change is drawn, relative to the others."""
+"""The weight with which each change is drawn."""
 MUTATIONS = {one.__name__: one for one in WEIGHTS}
 SHARES = np.array(list(WEIGHTS.values())) / sum(WEIGHTS.values())
 LIGHT = ("limited", "required", "allowed", "placed", "scaled", "hurried")

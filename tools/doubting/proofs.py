@@ -39,7 +39,7 @@ CHANGES_SECONDS = 20.0
 SECONDS = 3.0
 """Time in which the referee looks for what speaks against a changed motion [s]."""
 AGAINST = (Answer.CONTACT, Answer.TOO_CLOSE, Answer.INSIDE, Answer.BEYOND_LIMIT)
-"""What speaks against a motion."""
+"""Answers that speak against a motion."""
 DECLARED = re.compile(r'(radius|length|size)="([^"]+)"')
 """Lengths of primitives in a URDF."""
 
@@ -167,7 +167,7 @@ def _replayed(file: Path, arrays: Arrays) -> tuple[str, Verdict | None, str]:
 
 
 def _false(one: Proved, arrays: Arrays, verdict: Verdict) -> str:
-    """What speaks against a proof that is replayed."""
+    """Say what speaks against a proof that is replayed."""
     if arrays["cases"] is one.arrays["cases"]:
         return "" if verdict.kept <= one.least + OFF else f"{verdict.kept:g} m are kept, and {one.least:g} m measured"
     case = case_of(json.loads(arrays["cases"].tobytes())[0])

@@ -19,7 +19,7 @@ from guidefield.referee.judge import Along, judge
 from guidefield.referee.loading import case_of
 
 SECONDS = 3.0
-"""How long the referee may look at a motion [s]."""
+"""Time that the referee may look at a motion [s]."""
 HPP_SECONDS = 20.0
 """The same of HPP, with the start of its process [s]."""
 MOVING = 2.2e-3
@@ -28,7 +28,7 @@ CLOSE = (Answer.CONTACT, Answer.TOO_CLOSE)
 
 
 class Outcome(enum.StrEnum):
-    """How another judge stands to the certificate."""
+    """The relation of another judge's answer to the certificate."""
 
     AGREES = "agrees"
     UNDECIDED = "undecided"
@@ -45,7 +45,7 @@ SAID_BY_HPP = {
     "grazes": Outcome.UNDECIDED,
     "not judged": Outcome.NOT_JUDGED,
 }
-"""How what HPP says stands to the certificate, where nothing contradicts it."""
+"""The outcome of each of HPP's answers that nothing contradicts."""
 
 
 def refereed(request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
@@ -92,7 +92,7 @@ def validated(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> t
 
 
 def _primitive(loaded: Loaded, request: CertifyRequest, pair: list[str]) -> bool:
-    """Whether a pair is a link and an obstacle, both of primitives, which have no hull and no inside of their own."""
+    """Return whether a pair is a link and an obstacle of primitives, which have no hull and no inside of their own."""
     obstacles = {one.name for one in _obstacles(request) if not isinstance(one, Mesh | PointCloud)}
     links, shapes = loaded.subject.links, loaded.subject.formula.geometry.geometryObjects
     meshes = {link for link, one in zip(links, shapes, strict=True) if isinstance(one.geometry, coal.BVHModelBase)}
@@ -115,7 +115,7 @@ def _told(request: CertifyRequest, reply: CertifyReply) -> dict[str, Any]:
 
 
 def contradicts(found: Finding, min_clearance: float) -> bool:
-    """Whether what the referee finds is more than what the certificate may be off by.
+    """Return whether what the referee finds is more than what the certificate may be off by.
 
     Coal tells 0 for a box that is 0.8 um from a triangle.
 

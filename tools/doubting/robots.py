@@ -37,7 +37,7 @@ NAMES = ("universe", MOVING, "world", "l0", "l1", "j1", "j2", "l1_0", "frame 0",
 
 MOST_JOINTS = 7
 FOLDER = "MESHES/"
-"""How a robot's text names the folder of its meshes."""
+"""The name of the folder of meshes in a robot's text."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Robot:
     root_joint: RootJoint = "fixed"
 
     def reference(self, folder: Path) -> RobotReference:
-        """What a request names; files that it needs are written into a folder."""
+        """Refer to the robot in a request; files that it needs are written into a folder."""
         if self.catalog is not None:
             return self.catalog
         if not self.meshes:

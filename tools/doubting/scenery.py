@@ -19,13 +19,13 @@ from guidefield.messages.values import Placement
 
 KINDS = ("box", "sphere", "cylinder", "capsule", "mesh", "mesh", "cracked", "open", "polygon", "half_space", "cloud")
 AWAY = 0.25
-"""How far from a link an obstacle is put, about [m]."""
+"""Distance from a link at which an obstacle is put, about [m]."""
 THIN, LARGE, DISTANT = 0.15, 0.1, 0.08
 """Of so many obstacles a side is much shorter, so many are much larger, so many robots stand far from the origin."""
 VAST = 0.08
 """So many scenes have uneven ground of which a robot meets a part."""
 TRIES = 3
-"""How often an obstacle that is too close is pushed away."""
+"""Number of times that an obstacle which is too close is pushed away."""
 
 
 def turned(rng: np.random.Generator) -> tuple[float, ...]:
@@ -107,7 +107,7 @@ _MAKERS: dict[str, Callable[..., messages.Obstacle]] = {
         for kind in ("box", "sphere", "cylinder", "capsule")
     },
 }
-"""How an obstacle of a kind is drawn about a place; all others are meshes."""
+"""The makers of obstacles by kind; all others are meshes."""
 
 
 def cracked(rng: np.random.Generator, vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +157,7 @@ def swaying(
 
 
 def _times(rng: np.random.Generator, seconds: float) -> list[float]:
-    """When something is at its two to four places, within about a time [s]."""
+    """Return when something is at its two to four places, within about a time [s]."""
     count = int(rng.integers(2, 5))
     return (np.sort(rng.uniform(0.0, seconds, count)) + 0.05 * np.arange(count)).tolist()
 
@@ -247,7 +247,7 @@ def held(rng: np.random.Generator, link: str) -> AttachedObject:
 
 
 def placement(rng: np.random.Generator) -> Placement:
-    """Where a robot may stand."""
+    """Return where a robot may stand."""
     if rng.random() < 0.7:
         return Placement()
     axis = pin.exp3(rng.normal(size=3))

@@ -50,7 +50,7 @@ def bodies(message: messages.Obstacle) -> list[Body]:
 
 
 def frame(message: messages.Obstacle) -> Any:
-    """Where an obstacle at rest has its frame."""
+    """Return where an obstacle at rest has its frame."""
     if isinstance(message, messages.HalfSpace | messages.Polygon | messages.PointCloud):
         return pin.SE3.Identity()
     return se3(Placement(message.position, getattr(message, "quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))))
@@ -61,7 +61,7 @@ def se3(placement: Placement) -> Any:
 
 
 def frames_at(message: messages.Obstacle, times: np.ndarray) -> list[Any]:
-    """Where an obstacle that moves has its frame at times (n,): on a screw from each placement to the next."""
+    """Return where an obstacle that moves has its frame at times (n,): on a screw from each placement to the next."""
     flight = message.trajectory
     knots, placements, found = np.array(flight.times), [se3(one) for one in flight.placements], []
     for t in times:
@@ -125,7 +125,7 @@ def _mesh(message: messages.Mesh) -> list[Body]:
 
 
 def _fills(vertices: np.ndarray, triangles: np.ndarray, hull: Any) -> bool:
-    """Whether a closed mesh is convex: it has its hull's volume, but for rounding."""
+    """Return whether a closed mesh is convex: it has its hull's volume, but for rounding."""
     a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
     volume = float((a * np.cross(b, c)).sum()) / 6.0
     return bool(abs(volume - hull.computeVolume()) <= 1e-9 * hull.computeVolume())

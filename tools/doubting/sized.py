@@ -24,13 +24,13 @@ SIZES = (0.02, 30.0)
 MESHED = 0.15
 """Of so many plans the boxes, cylinders and capsules are meshes."""
 SLIDING = {JointKind.PRISMATIC: 1, JointKind.PLANAR: 2, JointKind.FLOATING: 3}
-"""How many values of a joint are lengths."""
+"""Number of values of a joint that are lengths."""
 LENGTHS = ("xyz", "size", "radius", "length")
 """Attributes of a URDF that are lengths."""
 
 
 def drawn_size(rng: np.random.Generator, robot: Robot) -> float:
-    """How many times as large a robot becomes; those of the catalog stay."""
+    """Draw the factor by which a robot grows; those of the catalog stay."""
     if robot.catalog is not None or rng.random() < USUAL:
         return 1.0
     return float(np.exp(rng.uniform(*np.log(SIZES))))

@@ -37,11 +37,11 @@ from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
 
 SINGLE = 1e-6
-"""How far a mesh that Assimp reads in single precision may stand out of its table, for each metre of its size [m]."""
+"""Distance by which a mesh that Assimp reads in single precision may stand out, for each metre of its size [m]."""
 
 
 def check_tables(world: World) -> dict[str, float]:
-    """How far each moving link and each obstacle stands out of its nodes at most, as a share of 1 m and its size.
+    """Measure how far each moving link and each obstacle stands out of its nodes, as a share of 1 m and its size.
 
     It is infinite where a triangle is in no leaf, and there is nothing where no link moves that has a shape. Every node
     is put into a slab, once by its sphere and once by its part: so the referee asks of each triangle whether it is in a
@@ -102,7 +102,7 @@ Found = Iterator[tuple[str, float]]  # what a bound is about, and how far it sta
 
 
 def check_bounds(world: World) -> dict[str, float]:
-    """How far each link and obstacle, and each node of a tree, stands out of a bound at most, as a share of 1 m + size.
+    """Measure how far each link, obstacle and node of a tree stands out of a bound, as a share of 1 m and its size.
 
     It is infinite where an obstacle is in no leaf of a tree, or in more than one.
     """
@@ -158,7 +158,7 @@ def _by_spheres(world: World, links: list[Body]) -> Found:
 
 
 def _placed(one: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Where an obstacle is at first: rotation and translation."""
+    """Return where an obstacle is at first: rotation and translation."""
     at = one.placement if one.screw is None else one.screw.stops[0] * one.placement
     return at.rotation, at.translation
 
@@ -168,7 +168,7 @@ def _in_world(one: Body) -> Corners:
 
 
 def _beyond(inner: Corners, outer: Corners) -> np.ndarray:
-    """How far boxes stand out of others [m]."""
+    """Return how far boxes stand out of others [m]."""
     with np.errstate(invalid="ignore"):  # boxes of nothing, in others of nothing
         out: np.ndarray = np.nan_to_num(np.maximum(outer[0] - inner[0], inner[1] - outer[1]), nan=0.0, posinf=np.inf)
     return out.max(axis=-1)

@@ -1,4 +1,4 @@
-"""What was counted, one line of JSON for each unit of work: runs that go on add up."""
+"""Counts of units of work, one line of JSON for each: runs that go on add up."""
 
 from __future__ import annotations
 

@@ -32,11 +32,11 @@ MUTANTS = 12
 ALIGNED, ALIGNED_REFEREED = 200, 200
 """Motions with exact symmetries of one arm; of so many one is put before the referee."""
 FOUND = "found"
-"""Where disagreements are kept, below the folder of a run."""
+"""Folder of disagreements, below that of a run."""
 PLANS_REFEREED, MUTANTS_REFEREED = 18, 42
 """Of so many one is put before the referee; of changed motions also each that is refused where samples see room."""
 ROOM = 2e-4
-"""What samples see as room [m]."""
+"""Samples at least this far apart see room [m]."""
 MOST_SHRUNK = 3
 """So many of a unit are made smaller; the others have the same cause, mostly."""
 NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
@@ -218,7 +218,7 @@ class Work:
 
 
 def _refused_with_room(came: Doubted, request: CertifyRequest) -> bool:
-    """Whether a motion is refused though no sample is close to what is required."""
+    """Return whether a motion is refused though no sample is close to what is required."""
     if came.sampled is None or came.judge is None or came.reply.certificate.collision_free or came.judge.moves:
         return False
     both = (came.sampled.obstacle, request.min_clearance), (came.sampled.own, 0.0)

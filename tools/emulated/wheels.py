@@ -17,7 +17,7 @@ from packaging.requirements import Requirement
 PROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
 
 OF_TESTS = ("hypothesis", "networkx", "pytest", "pytest-xdist", "rtree", "scipy")
-"""What the slice needs of what tests need."""
+"""Packages of the tests that the slice needs."""
 
 
 def main() -> None:

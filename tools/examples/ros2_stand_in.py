@@ -1,4 +1,4 @@
-"""What ros2_client.py asks, over plain Zenoh and without ROS: a stand-in for a node, for those who have none at hand.
+"""The request of ros2_client.py over plain Zenoh, without ROS: a stand-in for a node, for those who have none at hand.
 
     pip install 'guidefield[ros]'
     guidefield serve --ros

@@ -21,7 +21,7 @@ from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 
 MEASURED = ("timing", "seconds", "run_id", "recording")
-"""What of a reply is another one every time: clocks, and names of runs."""
+"""Fields of a reply that differ every time: clocks, and names of runs."""
 
 PACKAGES = ("guidefield", "numba", "numpy", "pin", "coal")
 
@@ -43,7 +43,7 @@ def answer_all(file: Path, words: list[str]) -> None:
 
 
 def answered(request: dict[str, Any]) -> dict[str, Any]:
-    """What a request is answered, without what is measured; or the error that it raises."""
+    """Answer a request; return the reply without measured times, or the error."""
     if request.get("type") == REFEREED:
         return _refereed(request)
     try:

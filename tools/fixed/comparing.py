@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 Leaf = tuple[str, Any]
-"""Where a value stands in its array, such as "[3][0]", and the value."""
+"""The place of a value in its array, such as "[3][0]", and the value."""
 
 
 def compare(first: Path, second: Path) -> int:

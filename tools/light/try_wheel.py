@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 MOST_BYTES = 30 * 10**6
-"""How large the client's wheel and those that it needs may be together [bytes]."""
+"""Largest size of the client's wheel with those that it needs [bytes]."""
 ASK = """
 import sys, guidefield
 from importlib.metadata import distributions, version

@@ -119,7 +119,7 @@ def file_title(words: str) -> str:
 
 
 def site_target(target: str) -> str:
-    """Where a link of a page leads within the site."""
+    """Return where a link of a page leads within the site."""
     name = target.rpartition("/")[2]
     stems = {file: f"{page}.md" for page, file in PROJECT_PAGES.items()}
     if name in stems:

@@ -23,7 +23,7 @@ def picture(png: bytes) -> Image.Image:
 
 
 def is_blank(image: Image.Image) -> bool:
-    """Whether there is hardly anything to see but the ground."""
+    """Return whether there is hardly anything to see but the ground."""
     pixels = np.asarray(image, int)
     return bool((np.abs(pixels - pixels[0, 0]).max(axis=2) > 8).mean() < 0.01)
 

@@ -36,7 +36,7 @@ TO_STOP = "/path/to_stop"
 MOVING = "/obstacles/single/"
 PLANES = "/figure_planes"
 TAKEN = ("/robot/", MOVING, WAY, TRACE, STOP, TO_STOP)
-"""What of a recording is in a figure."""
+"""Entities of a recording that are in a figure."""
 
 HIDDEN = ("/robot/collision", "/robot/spheres", "/robot/tip")
 
@@ -129,7 +129,7 @@ def write_figure(
 
 
 def _points(chunks: Iterable[Chunk]) -> np.ndarray:
-    """What has to be in the picture, shape (n, 3): the robot along its way, as ghosts have it, and its tip's trace.
+    """Points that have to be in the picture, shape (n, 3): the robot on its way, as ghosts have it, and its tip's path.
 
     Streams have neither: of them it is where the tip would stand.
     """
@@ -178,7 +178,7 @@ def _cell(
 
 
 def hides_all(vertices: np.ndarray, points: np.ndarray, eye: np.ndarray) -> bool:
-    """Whether a wall (m, 3) has all points (n, 3) on one side and the eye on the other."""
+    """Return whether a wall (m, 3) has all points (n, 3) on one side and the eye on the other."""
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     thinnest = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2][-1]
     sides = (points - middle) @ thinnest
@@ -189,7 +189,7 @@ def hides_all(vertices: np.ndarray, points: np.ndarray, eye: np.ndarray) -> bool
 def framing(
     points: np.ndarray, towards_eye: np.ndarray, up: np.ndarray, aspect: float, margin: float
 ) -> tuple[np.ndarray, float]:
-    """Where to look and from how far, so that all points (n, 3) are in the picture, in its middle."""
+    """Return where to look and from how far, so that all points (n, 3) are in the picture, in its middle."""
     right = np.cross(up, towards_eye)
     right = right / np.linalg.norm(right)
     above = np.cross(towards_eye, right)

@@ -44,7 +44,7 @@ class Recorded:
     folder: Path
 
     def figure(self) -> Path:
-        """Where its recording with another layout lies."""
+        """Return where its recording with another layout lies."""
         return self.recording.with_name(f"{self.name}-figure.rrd")
 
     def draw(self, views: dict[str, View], aspect: float, style: Style, others: Sequence[Path] = ()) -> None:
@@ -132,7 +132,7 @@ def clip(run: Planned, view: View, style: Style) -> Faults:
 
 
 def stretch(run: Recorded, begin: float, end: float, view: View, style: Style) -> Faults:
-    """What happens from one time to another [s] as an animation, at the pace at which it did."""
+    """The motion from one time to another [s] as an animation, at its own pace."""
     yield from _frames(run, view, style, list(np.linspace(begin, end, FRAMES)), end - begin)
 
 

@@ -1,4 +1,4 @@
-"""What the gallery shows: real runs, and how each is pictured."""
+"""The subjects of the gallery: real runs, and how each is pictured."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ BETWEEN_BOARDS = {
 SHELF = View((-0.6, -1.9, 0.75), drawn=WITH_TRACE)
 
 AT_PLACES = (5.44, 11.48)
-"""When the first place is reached in the demonstration of streams, and when the second [s]."""
+"""Times at which the first and the second place are reached in the demonstration of streams [s]."""
 
 TABLE = View((-0.5, -1.55, 0.8), drawn=(*ROBOT, STOP, TO_STOP))
 KITCHEN = View((-1.2, 0.8, 1.1))

@@ -19,22 +19,22 @@ from rerun.experimental import ViewerClient
 from guidefield.cli.serving import free_port
 
 PATIENCE = 180.0
-"""How long a viewer may take to show a recording, and then to stop changing [s]."""
+"""Time that a viewer may take to show a recording, and then to stop changing [s]."""
 
 NO_GRAPHICS = 3
 """Exit code where there is no graphics driver."""
 
 UNANSWERED = (OSError, RuntimeError)
-"""What a question raises that the viewer doesn't answer: a ConnectionError where it is gone, the others of its own."""
+"""Exceptions of a question that the viewer doesn't answer: a ConnectionError if it is gone, the others its own."""
 
 ENDING = 10.0
-"""How long a viewer that ends may take to be gone [s]."""
+"""Time that a viewer may take to end [s]."""
 
 ASKED_AGAIN = 20.0
 """After how long without a recording the viewer is asked for it once more [s]."""
 
 HARMLESS = "Software rasterizer"
-"""What the viewer warns of wherever there is no graphics hardware."""
+"""The viewer's warning wherever there is no graphics hardware."""
 
 WINDOW = (1920, 1080)
 """Width and height of the window that nobody sees [pixels]."""
@@ -84,7 +84,7 @@ def drawing(process, log, url: str) -> ViewerClient:
 
 
 def ended(process) -> bool:
-    """Whether a viewer that didn't answer is gone; the command that started it notices a little later."""
+    """Return whether a viewer that didn't answer is gone; the command that started it notices a little later."""
     try:
         process.wait(ENDING)
     except subprocess.TimeoutExpired:
@@ -93,7 +93,7 @@ def ended(process) -> bool:
 
 
 def last_words(log) -> str:
-    """What the viewer said of its end."""
+    """Read what the viewer said of its end."""
     log.seek(0)
     lines = log.read().decode(errors="replace").splitlines()
     return " ".join(line for line in lines if "panicked" in line or "rror" in line) or "it didn't say why"
@@ -152,7 +152,7 @@ def steady_picture(viewer, view: str | None) -> bytes:
 
 
 def complaints(viewer) -> list[str]:
-    """What the views and the viewer complain about, missing transforms among it."""
+    """List complaints of the views and the viewer, missing transforms among them."""
     lines = [f"{view.name}: {report.summary}" for view in viewer.get_state().views for report in view.reports]
     lines += [
         entry.message
@@ -163,5 +163,5 @@ def complaints(viewer) -> list[str]:
 
 
 def _was_taken_again(message: str) -> bool:
-    """Whether a message is about a picture that took too long, after which `steady_picture` took another."""
+    """Return whether a message is about a picture that took too long, after which `steady_picture` took another."""
     return "Failed to render screenshot" in message and "timed out" in message

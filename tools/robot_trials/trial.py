@@ -31,7 +31,7 @@ DRAWS = 60
 NO_LINK = "at least one <link>"
 """In the message about a URDF without links."""
 OBSTACLES = 3
-"""How many stand about for the second plan."""
+"""Number of obstacles for the second plan."""
 
 Line = dict[str, Any]
 

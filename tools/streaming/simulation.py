@@ -31,7 +31,7 @@ KEPT = 16
 
 @dataclass
 class Faults:
-    """What goes wrong between client and service.
+    """Faults between client and service.
 
     Attributes:
         lost: Share of updates that are lost.
@@ -56,7 +56,7 @@ class Faults:
 
 @dataclass
 class Outcome:
-    """What came of a run.
+    """The outcome of a run.
 
     Attributes:
         reached: When the robot stood at its goal [s]; infinite: it didn't.
@@ -86,7 +86,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
-        """Whether the goal was reached without a contact."""
+        """Return whether the goal was reached without a contact."""
         return bool(np.isfinite(self.reached)) and not self.at_speed and not self.at_rest
 
 
@@ -163,7 +163,7 @@ class Bodies:
         return self._group.robot.link_of_geometry(body)
 
     def touches(self, body: int, shape: coal.CollisionGeometry, place: coal.Transform3s) -> bool:
-        """Whether a body touches a shape somewhere; the box about it is asked first."""
+        """Return whether a body touches a shape somewhere; the box about it is asked first."""
         here = self.placed.oMg[body]
         own = self.geometry.geometryObjects[body].geometry
         there = coal.Transform3s(here.rotation, here.translation)
