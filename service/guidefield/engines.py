@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
@@ -31,14 +31,11 @@ from guidefield.messages.replies import Done, MotionReply, RobotsReply, ScenesRe
 from guidefield.messages.requests import ChangeScene, MotionRequest, PlanRequest, Request, StoreRobot, StoreScene
 from guidefield.messages.values import Reply
 from guidefield.pool.process import Call
-from guidefield.rendering import LARGEST_RECORDING, whole_recording
+from guidefield.rendering import LARGEST_RECORDING, Renderings, whole_recording
 from guidefield.run import Watcher
 from guidefield.stores.by_user import Kind, StoresByUser
 from guidefield.stores.runs import RunDatabase
 from guidefield.system import configure_logging
-
-if TYPE_CHECKING:
-    from guidefield.rendering import Renderings
 
 
 class Engines:
@@ -97,8 +94,6 @@ class Engines:
 
     @functools.cached_property
     def _renderings(self) -> Renderings:
-        from guidefield.rendering import Renderings
-
         return Renderings({self._loaded.packages: self._loaded.catalog}, self._loaded.scenes)
 
     def share(self, owner: str, kind: Kind, name: str, *, shared: bool) -> Done:

@@ -21,7 +21,7 @@ from guidefield.errors import strip_source
 from guidefield.messages import codec
 from guidefield.pool.outbox import MAX_THREADS
 
-IDENTITY = "ros"  # the one user as whom all nodes ask
+ROS_USER = "ros"  # the one user as whom all nodes ask
 LATCHING = ("timestamping/enabled", "true")
 """The setting of Zenoh with which a latched message is kept for later subscribers."""
 

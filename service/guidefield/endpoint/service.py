@@ -25,8 +25,8 @@ from guidefield.endpoint.endpoint import Endpoint
 from guidefield.endpoint.link import (
     DEFAULT_LISTEN,
     DEFAULT_SETTINGS,
-    IDENTITY,
     LATCHING,
+    ROS_USER,
     RUNTIME,
     RosSettings,
     close_links_at_once,
@@ -306,7 +306,7 @@ def _ros_node(
         raise CannotStart("ROS needs rosbags: pip install 'guidefield[ros]'") from None
     with _needed("the service can't be offered to ROS", GuidefieldError, zenoh.ZError):
         session = opened.enter_context(session_for(settings, own))
-        node = ros_node(settings, session, engines.of(IDENTITY).robot(settings.robot), endpoint.ask)
+        node = ros_node(settings, session, engines.of(ROS_USER).robot(settings.robot), endpoint.ask)
     opened.callback(node.finish)
     return node
 

@@ -23,7 +23,7 @@ from typing import Any
 import zenoh
 import zenoh.ext
 
-from guidefield.endpoint.link import DEFAULT_SETTINGS, IDENTITY, LATCHING, RosSettings
+from guidefield.endpoint.link import DEFAULT_SETTINGS, LATCHING, ROS_USER, RosSettings
 from guidefield.endpoint.ros.refusals import Refused, moveit_code
 from guidefield.endpoint.ros.rmw_zenoh import (
     GRAPH,
@@ -262,7 +262,7 @@ class RosNode:
 
     def _post(self, query: zenoh.Query, size: int, send: Callable[[], None]) -> None:
         attachment = _attached(query)
-        asker = Asker(IDENTITY, "" if attachment is None else attachment.sender.hex())
+        asker = Asker(ROS_USER, "" if attachment is None else attachment.sender.hex())
         if not self._outbox.post(asker, size, send):
             self._complain(f"{query.key_expr}: too much waits to be read by this client already; an answer is dropped")
             query.drop()

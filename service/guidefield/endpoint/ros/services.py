@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from guidefield.endpoint.link import IDENTITY
+from guidefield.endpoint.link import ROS_USER
 from guidefield.endpoint.ros import motion_plan
 from guidefield.endpoint.ros.collision_objects import message_of, object_of
 from guidefield.endpoint.ros.refusals import (
@@ -213,7 +213,7 @@ class Services:
     def _engine(self, key: str, request: msgspec.Struct, kind: type[_R], received: float) -> _R:
         payload = codec.encode(request, Encoding.MSGPACK)
         is_reply, answer = self._ask(
-            keys.Query((key,), {}, payload, Encoding.MSGPACK, user=IDENTITY), received
+            keys.Query((key,), {}, payload, Encoding.MSGPACK, user=ROS_USER), received
         ).result()
         if not is_reply:
             error = msgspec.msgpack.decode(answer, type=ErrorReply)
