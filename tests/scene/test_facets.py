@@ -8,8 +8,8 @@ import pytest
 
 from guidefield.collision.narrow_phase import NarrowPhase, transform
 from guidefield.geometry.surfaces import se3
-from guidefield.scene import recipe
-from guidefield.scene.recipe import Patches
+from guidefield.scene import obstacle_parts
+from guidefield.scene.obstacle_parts import Patches
 
 
 def terrain(side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +24,7 @@ def terrain(side: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Patches of few triangles."""
-    monkeypatch.setattr(recipe, "PATCH", 50)
+    monkeypatch.setattr(obstacle_parts, "PATCH", 50)
 
 
 def _placement(rng: np.random.Generator) -> Any:
@@ -36,7 +36,7 @@ def test_a_surface_in_patches_is_judged_as_in_one_piece() -> None:
     vertices, triangles = terrain(20)
     body, whole, patches = (
         coal.Capsule(0.05, 0.3),
-        recipe.bvh(vertices, triangles),
+        obstacle_parts.bvh(vertices, triangles),
         Patches(lambda: (vertices, triangles)),
     )
     rng = np.random.default_rng(4)

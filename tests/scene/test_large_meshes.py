@@ -17,13 +17,13 @@ from guidefield.geometry import cache
 from guidefield.handlers.preparation import prepare_plan
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.scene import Mesh, Scene as Message
-from guidefield.scene import distance_tables as of_scene, obstacle, recipe
+from guidefield.scene import distance_tables as of_scene, obstacle, obstacle_parts
 from guidefield.scene.crop import Ball, crop
 from guidefield.scene.scene import Scene, build
 from tests.scene.test_mesh import box_mesh, room
 
 SIDE = 40
-FEWER = {(cache, "LARGE"): 1_000, (scene_tables, "MOST_TRIANGLES"): 500, (recipe, "PATCH"): 800}
+FEWER = {(cache, "LARGE"): 1_000, (scene_tables, "MOST_TRIANGLES"): 500, (obstacle_parts, "PATCH"): 800}
 """A terrain of so many squares a side counts as large by these."""
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from guidefield.collision.clearance import clearance_at, enclosed
 from guidefield.collision.world import World
-from guidefield.scene import recipe
+from guidefield.scene import obstacle_parts
 from guidefield.scene.scene import build
 from guidefield.stores import scenes
 from tests.robots import group, rest
@@ -56,7 +56,7 @@ def test_guide_planes_are_in_free_space(name):
         # Their edges may touch obstacles; a millimetre inside, nothing does.
         corners = plane.inset_vertices(1e-3)
         fan = np.array([[0, i, i + 1] for i in range(1, len(corners) - 1)])
-        sheet = recipe.bvh(corners, fan)
+        sheet = obstacle_parts.bvh(corners, fan)
         for obstacle in scene.obstacles:
             request, result = coal.CollisionRequest(), coal.CollisionResult()
             here = coal.Transform3s.Identity()

@@ -38,7 +38,7 @@ from guidefield.kernels.collide.overlap import (
 )
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
-from guidefield.scene.recipe import Patches
+from guidefield.scene.obstacle_parts import Patches
 
 ACCURACY = 2e-6  # what Coal's depth may be off [m], and as a share of it
 MARGIN = 1e-3  # by how much the second body is moved beyond the first, so that GJK tells a direction [m]

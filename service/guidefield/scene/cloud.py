@@ -21,7 +21,7 @@ from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
 from guidefield.kernels.simd.packing import AROUND, BLOCK, Words, pack
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import memoized
-from guidefield.scene.recipe import Charges
+from guidefield.scene.obstacle_parts import Charges
 
 SOFTENING = 0.1  # softening length over the spacing: the field of a point stays finite
 NEIGHBOURS = 6  # number of nearest neighbours by which density is estimated

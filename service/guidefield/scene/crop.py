@@ -34,10 +34,9 @@ from guidefield.memo import memoized_by
 from guidefield.memory import content_key
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.incremental import MANY, Rows, incremental
-from guidefield.scene.mesh import CroppedSurface, Whole
 from guidefield.scene.movers import gaps_from_boxes, moving_ball, sweep_obstacles
 from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.recipe import Facets
+from guidefield.scene.obstacle_parts import CroppedSurface, Facets, Whole
 from guidefield.scene.scene import Scene, declare_with, rows_of, with_others
 
 NOBODY: frozenset[str] = frozenset()

@@ -20,7 +20,7 @@ from guidefield.geometry.charged import convex_quads
 from guidefield.geometry.surfaces import triangulate_polygon
 from guidefield.kernels.distance.polygons import inradius, touching_edges_of_each
 from guidefield.messages import scene as messages
-from guidefield.scene.recipe import Charges
+from guidefield.scene.obstacle_parts import Charges
 
 PLANARITY = 1e-6  # how far from their plane the corners of a flat polygon may lie, as a fraction of its size
 SMALLEST_AREA = 1e-9  # smallest area of a polygon, as a fraction of its size squared

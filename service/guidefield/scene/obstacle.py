@@ -31,9 +31,17 @@ from guidefield.memory import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.guide_plane import Sheet, axes_across, build_sheets
-from guidefield.scene.mesh import CroppedSurface, JudgedMesh, extent_of, judge_mesh, solids_of
 from guidefield.scene.obstacle_message import Content, ObstacleMotion, content_of, points_in, put_at
-from guidefield.scene.recipe import Charges, Facets, Recipe
+from guidefield.scene.obstacle_parts import (
+    Charges,
+    CroppedSurface,
+    Facets,
+    JudgedMesh,
+    Recipe,
+    extent_of,
+    judge_mesh,
+    solids_of,
+)
 
 HALF_SPACE_PATCH = 4.0  # side of the square that represents a half-space in drawings [m]
 

@@ -105,7 +105,7 @@ class PlanningGroup:
     """A robot whose joints outside the group stand still.
 
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
-    planned one move with it. In the *chart* ``z`` (nv,), local coordinates joint by joint (`chart.py`), straight lines
+    planned one move with it. In the *chart* ``z`` (nv,), local coordinates joint by joint (`joints.py`), straight lines
     and splines are drawn. Its methods convert between these spaces, see `joints.py`.
     """
 
