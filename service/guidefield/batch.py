@@ -1,8 +1,8 @@
 """Many requests at once: their file and its results, answered over worker processes or a Ray cluster; resumable.
 
 Users read `results.jsonl`, and a batch that was ended goes on from it: fields and fingerprints have to stay. Answers
-may come in any order: `Results` files them by the line of the request. `AHEAD` and `AHEAD_OF_CORE` cost time or memory
-alone. The cluster needs ``guidefield[ray]``.
+may come in any order: `Results` files them by the line of the request. `AHEAD` and `AHEAD_OF_CORE`, above 0, cost time
+or memory alone. The cluster needs ``guidefield[ray]``.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from guidefield.rendering import Renderings
 from guidefield.stores.recordings import Recordings
 from guidefield.whole_file import write_whole
 
-RECORDINGS = "recordings"  # folder of recordings, named by the line of the request
+RECORDINGS = "recordings"  # folder of recordings, named by the line of the request; that of stores (kept_runs.py), too
 BLANK = 0  # the fingerprint of a line without a request
 
 

@@ -1,8 +1,8 @@
 """A server of the Model Context Protocol: a language model asks for plans, a service answers, in words and figures.
 
-It speaks over standard input and output; needs ``guidefield[mcp]``. `TOOLS` are its tools; names, descriptions and
-schemas are what models read, and none moves a robot: all are announced as reading only. `ADVICE` has a line for each
-`Status` but success.
+It speaks over standard input and output; needs ``guidefield[mcp]``. `TOOLS` are its tools (docs/mcp.md); names,
+descriptions and schemas are what models read, and none moves a robot: all are announced as reading only. `ADVICE` has a
+line for each `Status` but success.
 """
 
 from __future__ import annotations

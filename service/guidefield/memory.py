@@ -1,6 +1,6 @@
 """Memory of this process: caches bounded in entries and bytes, with the limits of all of them, and garbage collection.
 
-Larger limits cost memory in each worker, smaller ones time; `BYTES_…` are the estimates by which entries are counted.
+Larger limits cost memory in each worker (docs/operation.md), smaller ones time; entries are counted by `BYTES_…`.
 Where the collector is paused changes time alone, and memory while the block runs.
 """
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from guidefield.messages.replies import AnyRunReply, MotionReply
 
-SHOWN = {"plan_reply": ["PlanReply"], "certify_reply": ["CertifyReply"], "replies": ["RunReply", "CertifyRunReply"]}
+SHOWN = {"plan_reply": ["PlanReply"], "certify_reply": ["CertifyReply"], "stored": ["RunReply", "CertifyRunReply"]}
 """Messages with a display, by their module in `guidefield.messages`: names, so that none has to be imported."""
 VIEWER_HEIGHT = 480  # height of the viewer [pixels]
 LEFT_ALIGNED = "style='text-align: left'"  # Jupyter aligns cells at the right, as for numbers

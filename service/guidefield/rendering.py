@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 LARGEST_RECORDING = 512 * 2**20
 """The largest recording or proof of a run that is stored, and the largest recording of a stream to be sent [bytes].
 
-docs/wire.md tells it by `endpoint/rules.py`: after a change, `tools/wire_page`.
+docs/stream.md tells it, and docs/wire.md by `endpoint/rules.py`: after a change, `tools/wire_page`.
 """
 
 

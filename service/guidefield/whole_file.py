@@ -15,7 +15,7 @@ import uuid
 from collections.abc import Callable
 from pathlib import Path
 
-DRAFT = ".draft"  # suffix of an incomplete file
+DRAFT = ".draft"  # suffix of an incomplete file; `recorder/bodies.py` deletes old ones by it
 
 
 def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> None:

@@ -1,6 +1,7 @@
 """The notebooks run from top to bottom, and replies show themselves in them."""
 
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from nbclient import NotebookClient
 from nbclient.util import run_sync
 
-from guidefield.notebook import LEFT_ALIGNED, display_reply
+from guidefield.notebook import LEFT_ALIGNED, SHOWN, display_reply
 from tests.replies import plan_reply
 
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "tools" / "examples" / "notebooks"
@@ -47,6 +48,14 @@ def _tables(shown: list[dict[str, Any]]) -> list[str]:
 
 def _printed(shown: list[dict[str, Any]]) -> str:
     return "".join(one["text"] for one in shown if one["output_type"] == "stream" and one["name"] == "stdout")
+
+
+def test_displays_are_registered_for_the_modules_that_declare_their_messages() -> None:
+    modules = {f"guidefield.messages.{module}": names for module, names in SHOWN.items()}
+    declared = {
+        module: [getattr(import_module(module), name).__module__ for name in modules[module]] for module in modules
+    }
+    assert declared == {module: [module] * len(names) for module, names in modules.items()}
 
 
 def test_the_first_plan(run: Run, folder: Path) -> None:

@@ -1,8 +1,8 @@
 """`guidefield demo`: start a service, have it plan and stream, and store recordings for the viewer.
 
-Tests, `tools/attacks` and `tools/pictures` use `REQUESTS`, too. In the stream a Panda moves between two places of a
-table among drifting boxes: `box_at` must stay slower than `FASTEST`, which it declares, or pieces are proven against
-false motions.
+Tests, `tools/attacks` and `tools/pictures` use `REQUESTS`, too; pictures also know when the stream reaches places. In
+it a Panda moves between two places of a table among drifting boxes: `box_at` must stay slower than `FASTEST`, which it
+declares, or pieces are proven against false motions.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The page of `guidefield show --web` without a run: users drag the goal and obstacles, and each change is planned.
 
-It plans in this process, without a service; needs ``guidefield[web]``.
+It plans in this process, without a service; needs ``guidefield[web]``. Numbers here change this page alone.
 """
 
 from __future__ import annotations

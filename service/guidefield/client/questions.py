@@ -59,8 +59,8 @@ from guidefield.messages.values import Placement, Reply, RootJoint
 ANSWER_TIMEOUT = 660.0
 """Time to wait for an answer to anything but a run and kinematics [s].
 
-It must be longer than the service lets a worker work on it: `STORE_TIME_LIMIT` of `messages/keys.py` and `BACKSTOP` of
-`pool/waiting.py`.
+It must be longer than the service may take: `STORE_TIME_LIMIT` of `messages/keys.py` with `BACKSTOP` of
+`pool/waiting.py`, and `OPENED_WITHIN` of `endpoint/streams.py`.
 """
 _DEFAULT_FILTERS = (None, LARGEST_PAGE)
 """Values in a request for a list of runs that are the defaults, and left out."""

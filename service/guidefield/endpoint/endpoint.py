@@ -120,7 +120,7 @@ LATE_RESULT, LATE_RESULT_SHARE = 0.04, 0.045
 
 docs/service.md promises answers within 50 ms and 5 % after their time: these stay below.
 """
-MAX_BRIEF_BYTES = 1 << 14  # largest query of kinematics that counts as brief
+MAX_BRIEF_BYTES = 1 << 14  # largest query of kinematics that counts as brief, and may be done twice (`Task`)
 LAST_ANSWERS = 5.0  # time for the last answers to be read at the end [s]
 
 

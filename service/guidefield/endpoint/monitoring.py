@@ -23,7 +23,7 @@ from guidefield.messages import codec
 from guidefield.messages.replies import Health, Histogram, InfoReply
 
 BOUNDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0)
-"""Upper bounds of the histogram's bins [s]."""
+"""Upper bounds of the histograms' bins, rising [s]: `info` tells them, and dashboards read them as labels `le`."""
 
 
 class Meter:

@@ -1,1 +1,1 @@
-"""One function per request: domain calls in order, no network. `agreement.py` alone writes a file, about a bug."""
+"""One function per request: domain calls in order, no network. Files: `agreement.py` on bugs, and geometry's cache."""

@@ -37,7 +37,7 @@ from guidefield.robot.model.joints import ChartRate
 ACCURACY = 2.0 * ROUNDED
 """Largest error of a distance that was found, beside Coal's [m]: rounding of kernels.
 
-Larger, contradictions pass unseen; smaller, true replies are refused as failures.
+Larger, more contradictions pass unseen, but no contact; smaller, true replies are refused as failures.
 """
 
 _log = logging.getLogger(__name__)

@@ -36,7 +36,7 @@ from guidefield.scene.obstacle_message import are_many, content_of, count_of, pu
 from guidefield.scene.scene import Scene
 
 CARRIED = (messages.Placed, messages.Sphere)
-"""Kinds of obstacles that can be picked up and put down."""
+"""Kinds of obstacles that can be picked up and put down; `Attach` of `messages/plan_request.py` lists them."""
 
 
 @dataclass(frozen=True)
@@ -263,7 +263,7 @@ def _describe_kinds(shape: Any) -> tuple[str, str]:
     return type(shape).__name__.lower(), "primitive"
 
 
-LARGE_COUNT = 1000  # triangles and points; objects of fewer are built within 20 ms, without a look at the deadline
+LARGE_COUNT = 1000  # triangles and points: fewer are built in 20 ms, before a request's time or with no look at it
 
 
 @dataclass(frozen=True)

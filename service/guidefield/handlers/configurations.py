@@ -41,8 +41,8 @@ from guidefield.robot.model.joints import (
 )
 from guidefield.robot.model.model import RobotModel
 
-# how far a mimic joint's column may be from its law [rad or m, and per s]: the law is certified, not the column, so a
-# given motion may be off by this, uncertified
+# how far a mimic joint's column may be from its law [rad or m, and per s] (docs/certify.md): the law is certified, not
+# the column, so a given motion may be off by this, uncertified
 MIMIC_TOLERANCE = 1e-4
 
 
@@ -255,7 +255,7 @@ def require_same_joints(positions: Columns, velocities: Columns) -> None:
 CONFIGURATIONS_PER_CHECK = 16
 """Configurations answered between two looks at the deadline: with the slowest robots a few milliseconds.
 
-Replies are the same to the last bit with any number.
+Replies are the same to the last bit with any number above 0.
 """
 
 

@@ -1,6 +1,6 @@
 """The reply of a service about itself: its versions, limits, figures and rules.
 
-The brief reply must stay cheap: clients of several instances ask each for it up to twice a second, for its load.
+The brief reply must stay cheap: clients of several instances ask for it each `MAX_REPORT_AGE_S` (client/exchange.py).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Answer a plan request with steps: its course, the sequence, the reply, and the motion for a recording, in order.
 
-`CARRIED_RATE`, `MAX_SAMPLES` and `MAX_CARRIED_PLACEMENTS` change recordings alone.
+`CARRIED_RATE`, `MAX_SAMPLES` (above 0) and `MAX_CARRIED_PLACEMENTS` change recordings alone.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The reply to a certify request; sentences about verdicts; the judgement of an executed plan's joint states.
 
-Names, meanings and defaults of fields are the wire. Docstrings of messages are in docs/wire.md and the schemas: after a
+Names, meanings and defaults of fields are the wire. Docstrings of messages are in docs/wire.schema.json: after a
 change, `tools/wire_page`.
 """
 
@@ -230,7 +230,7 @@ SHARED_FIELDS = (
 )
 """Fields of a plan request that describe its motion, and that a certify request has, too.
 
-`judgement_of`, and the command line to judge a stored run again, copy them: a field that is left out isn't judged by.
+`judgement_of` (without the last one), and the command line to judge a stored run again, copy them: others don't count.
 """
 
 

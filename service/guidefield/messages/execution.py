@@ -1,7 +1,7 @@
 """The curve that a controller draws of a motion, the rows that it is sent, and the files by which it takes these.
 
 Each file names the interpolation that it is certified for; `KINDS` names them by their endings. Names and meanings of
-fields are the wire. Docstrings of messages are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+fields are the wire. Docstrings of messages are in docs/wire.schema.json: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def describe_execution(figures: ExecutionFigures) -> str:
 
 
 NANOSECONDS = 1_000_000_000
-SHORTEST_SERVO_STEP = 0.002  # of UR's e-series [s] (docs/execution.md)
+SHORTEST_SERVO_STEP = 0.002  # of UR's e-series [s]; docs/execution.md and the refusal below say 500 Hz
 UR_JOINTS = 6
 SERVO_LOOKAHEAD = 0.03  # of URScript's `servoj`: the shortest that it takes [s]
 SERVO_GAIN = 300  # of `servoj`: its default

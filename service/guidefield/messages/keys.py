@@ -28,7 +28,8 @@ from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME, RunId
 STORE_TIME_LIMIT = 120.0
 """Allowed time to store or describe a robot or scene, to list robots, or to make a stream's recording [s].
 
-docs/wire.md tells it: after a change, `tools/wire_page`.
+docs/wire.md tells it: after a change, `tools/wire_page`. `PREPARE_WITHIN` of `handlers/robots.py` stays below,
+`ANSWER_TIMEOUT` of `client/questions.py` above.
 """
 
 SHARING = {

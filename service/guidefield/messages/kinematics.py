@@ -4,7 +4,7 @@ A new kind stands here, request and reply, in the unions and in `_REPLIES`, and 
 of handlers/kinematics.py. Replies are in the order of the request; numbers come as lists, many also packed.
 
 Names, order, defaults and meanings of fields are the wire and the Python API: a new one comes last. Docstrings of
-messages, and `DEFAULT_TIME`, are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+messages, and `DEFAULT_TIME`, are in the schemas, that also in docs/wire.md, once by hand: then `tools/wire_page`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The reply to a plan request, and its parts, which the reply to a certify request shares.
 
-Names, meanings and defaults of fields are the wire. Docstrings of messages are in docs/wire.md and the schemas: after a
+Names, meanings and defaults of fields are the wire. Docstrings of messages are in docs/wire.schema.json: after a
 change, `tools/wire_page`. Accuracies that they promise are constants of `prove/search.py`, `planner/quality.py` and
 `planner/task`.
 """

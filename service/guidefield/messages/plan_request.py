@@ -1,7 +1,7 @@
 """The plan request, to a goal or through steps that move, pause, pick up and put down.
 
 Names, order, defaults and meanings of fields are the wire and the Python API: a new one comes last. Docstrings of
-messages, and the largest numbers here, are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+messages, and the largest numbers here, are in docs/wire.schema.json: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

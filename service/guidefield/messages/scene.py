@@ -123,7 +123,7 @@ def _pack_triangles(triangles: Iterable[Iterable[int]]) -> bytes:
 
 
 _BLOCK_BYTES = 2**16
-"""Bytes compared as one long integer, which fits into the processor's cache."""
+"""Bytes compared as one long integer, which fits into the processor's cache; a multiple of 4."""
 
 
 def _are_below(count: int, packed: bytes) -> bool:

@@ -2,7 +2,7 @@
 
 A frozen scene isn't changed any more, so that all that is computed of it stays valid (`FrozenFacts`). A change of one
 makes another frozen scene, which knows the one before it: scene/scene.py then builds only what changed. Fields and
-docstrings of messages are the wire, and in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+docstrings of messages are the wire, and in docs/wire.schema.json: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

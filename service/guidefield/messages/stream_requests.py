@@ -2,7 +2,7 @@
 
 Chunks of keys and names of fields are the wire. A further query needs its messages here, in `StreamMessage`, too, a row
 in `KEYS` of keys.py, a way through `endpoint/streams.py`, and its answer in stream_worker.py. Docstrings of messages
-are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+are in docs/wire.schema.json: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

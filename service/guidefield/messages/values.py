@@ -1,6 +1,6 @@
 """Bases of all messages, bounds of numbers (`LARGEST`), small values: vectors, placements, configurations, goals.
 
-Fields and bounds are the wire. Docstrings of messages, `LARGEST`, `LONGEST_TIME` and `MAX_URDF_CHARACTERS` are in
+Fields, bounds, defaults are the wire. Docstrings of messages, `LARGEST`, `LONGEST_TIME`, `MAX_URDF_CHARACTERS` are in
 docs/wire.md and the schemas: after a change, `tools/wire_page`.
 """
 
@@ -37,7 +37,7 @@ IDENTITY: QuaternionXYZW = (0.0, 0.0, 0.0, 1.0)
 LARGEST = 1e9
 """Largest magnitude of a quantity, in SI units: squares and cubes of larger ones lose precision or overflow.
 
-Not less than 2^29, below which `scene.py` lets packed points through.
+Not less than 2^29, below which `scene.py` lets packed points through; docs/stream.md tells it.
 """
 SMALLEST_LIMIT = 1e-9
 """The smallest limit of a rate or a torque, in SI units: what is within a smaller one is rounding."""

@@ -95,7 +95,7 @@ class Outbox:
         """Have an answer of a size [bytes] sent, which may take as long as the client's link does.
 
         Returns:
-            False if too much waits already. One answer to a client is always sent.
+            False if too much waits already. One answer to a client is never too large for that client.
         """
         user, key = asker.user, asker if asker.client else object()
         with self._lock:

@@ -51,7 +51,7 @@ by force.
 """
 CLOSING_CHECK_S = 0.01  # period at which the end of these is checked [s]
 DEFAULT_LIMITS = Limits()
-DEFAULT_MEMORY = 4 << 30  # memory that a worker may have [bytes]; in docs/wire.md: after a change, `tools/wire_page`
+DEFAULT_MEMORY = 4 << 30  # memory of a worker [bytes]; in docs/service.md, and in docs/wire.md by `tools/wire_page`
 
 _log = logging.getLogger(__name__)
 

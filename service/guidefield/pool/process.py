@@ -2,7 +2,7 @@
 
 Theory of operation of a worker. Jobs and answers go through one pair of sockets, each as a frame: a head of fixed size,
 and bytes. `Numbers`, in shared memory, are what must be known while a worker works, or after it died. `slot.py` is the
-other end of the sockets; heads and kinds of frames are those of both.
+other end of the sockets, with the same heads of frames; `pool.py` reads their kinds.
 
 Theory of operation of a conversation. One thread starts the process, which ends with this thread at the latest, and
 hears its messages; another thread sends messages, so that no caller waits for a process that takes none. The messages
@@ -37,7 +37,7 @@ from guidefield.errors import GuidefieldError, WorkerCrashed
 from guidefield.pool.waiting import Answer
 from guidefield.system import resident
 
-DATA_LIMIT_FACTOR = 2  # limit of a worker's data segment as a multiple of its memory limit, so huge allocations fail
+DATA_LIMIT_FACTOR = 2  # limit of a process's data segment as a multiple of its memory limit: huge allocations fail
 LONGEST_REASON = 4096  # maximum length of the reason why a worker can't be prepared [characters]
 JOB = struct.Struct("<QQQ")
 """Head of a job's frame: its number, its size when pickled, and that of the buffer behind it, if it has one."""

@@ -32,7 +32,7 @@ BACKSTOP = 60.0  # a worker that works longer than its request allows by this is
 STANDBY_WAIT_S = 0.4  # wait of a user without a worker, after which the worker that stands by takes its task [s]
 TRIAL_S = 0.4  # time for which that one works on a task before another user's may take its place [s]
 # the last three are in docs/wire.md by endpoint/rules.py: after a change, `tools/wire_page`. `BACKSTOP` is also in
-# docs/service.md, and has to be less than the margins in client/questions.py
+# docs/service.md, where the others together stay below a second; it is less than the margins in client/questions.py
 MIN_RETRY_S, MAX_RETRY_S = 0.1, 30.0  # bounds of the time after which a client is asked to come back [s]
 HALF_LIFE_S = 30.0
 """Half-life of a user's use of processors [s], which quotas count: `endpoint/allowances.py`.
@@ -110,7 +110,7 @@ class Task(Future[Answer]):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the queue: tasks and bytes, of all clients and of one."""
+    """Limits of the queue: tasks and bytes, of all clients and of one; for docs/wire.md, `tools/wire_page`."""
 
     tasks: int = 64
     tasks_of_client: int = 64

@@ -1,7 +1,7 @@
 """Make Rerun chunks from archetypes, and write and read files of them; names of timelines, frames and shared entities.
 
 A recording's entities are read back by `stored.py` and laid out by `view.py`, to which timelines are given; users may
-know both. Tools and tests write `PATH_TIME` out, titles in `view.py` `STEP`.
+know both. Tools and tests write names here out, titles in `view.py` `STEP`. Kept drawings don't follow a change here.
 """
 
 from __future__ import annotations

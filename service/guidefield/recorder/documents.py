@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 MESSAGE_COMPONENT = "message"  # the component of a document's entity that holds the message itself
 COMPRESSION_LEVEL = 1  # of zlib: higher ones take three times as long and save nothing on numbers
-LARGEST_MESSAGE = 1 << 28  # maximum size of an unpacked message that is read from a recording [bytes]
+LARGEST_MESSAGE = 1 << 28  # maximum size of an unpacked message that is read from a recording, older ones too [bytes]
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 
@@ -79,7 +79,7 @@ SHORTENED = "*Rounded and shortened to be read; the message itself, exact, is in
 LONGEST_LIST = 12
 """Entries of a list that are shown; of a longer one the first and the last, and how many there are between."""
 LONGEST_TEXT = 300  # characters of a text that are shown
-MAX_COLUMN_WIDTH = 76  # characters of a line in the last column of a table: the viewer cuts what is wider
+MAX_COLUMN_WIDTH = 76  # characters of a line in a table's last column, not more: the viewer cuts what is wider
 MAX_LINE_WIDTH = 110  # characters of a list of plain values on one line
 
 _to_json = json.JSONEncoder(ensure_ascii=False).encode

@@ -1,6 +1,6 @@
 """The stores of all users: each has runs, scenes and robots of its own, in a folder of its own.
 
-Names of folders are the format of data folders: existing ones must be found again.
+Names of folders are the format of data folders: existing ones must be found again. Other files write some out, too.
 """
 
 from __future__ import annotations

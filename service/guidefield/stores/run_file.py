@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, TypeVar
 from guidefield.errors import DiskRefused
 
 LINGER_S = 0.05  # longest time that a change without a waiting caller waits for others to share its commit [s]
-UPKEEP_INTERVAL_S = 1.0  # time between two checkpoints, and so what a power cut may cost [s]
+UPKEEP_INTERVAL_S = 1.0  # time between two checkpoints, and so what a power cut may cost [s] (docs/service.md)
 RETRY_INTERVAL_S = 1.0  # shortest time between two attempts to open a file that could not be opened [s]
 MAX_WAITING_BYTES = 256 * 2**20  # size of changes that wait beyond which callers wait, too [bytes]
 

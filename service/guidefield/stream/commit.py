@@ -56,7 +56,7 @@ SAME_TIME = 1e-9
 More than rounding may not become one: clients would execute another motion than the judge has proven.
 """
 ROUNDED = 16  # steps of a double at the client's clock
-STANDING = 1e-6  # duration for which a motion that stands from its beginning on is judged [s]
+STANDING = 1e-6  # duration of standing that is judged, after a stop or all along [s]: more refuses more
 
 
 @dataclass(frozen=True, eq=False)

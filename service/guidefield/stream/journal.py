@@ -29,10 +29,10 @@ from guidefield.stream.path_planner import AtRecordedTimes, TakeOver, lower_prio
 from guidefield.stream.state import Snapshot, StreamWatcher, decode_part, encode_part
 from guidefield.stream.stream import CertifiedStream, GoalSearch
 
-ENDING = ".stream"  # of the files; again in cli/found_run.py
-FILE_BYTES = 8 << 20  # size of entries at which a file ends, and another one begins [bytes] (docs/stream.md)
+ENDING = ".stream"  # of the files, of those on disk, too: with another one they aren't found; again in cli/found_run.py
+FILE_BYTES = 8 << 20  # entries' size at which a file ends [bytes] (docs/stream.md); at twice it a path is planned anew
 MOST_FILES = 16  # files kept of a stream; the oldest are dropped first (docs/stream.md)
-MOST_WAITING = 2_000  # entries that may wait to be written; with more the file ends
+MOST_WAITING = 2_000  # entries that may wait to be written; with more the file ends. 0 would be no bound
 RETRY_AFTER = 10.0  # time from a refusal of the disk to the begin of another file [s]
 LONGEST_ENTRY = 1 << 30  # a length beyond this means that the file is damaged [bytes]
 _LENGTH = struct.Struct("<I")

@@ -1,6 +1,7 @@
 """Paths to a goal: checked in every cycle, planned in a thread beside it, and taken over by one of three rules.
 
 They are free at samples only: the judge proves pieces. `FixedDelay` and `AtRecordedTimes` make a stream repeatable.
+With another `FAR` or `INSIDE` journals that are kept replay to other pieces.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Find a stream's next piece: along the path to the goal, else away from what comes close, or from what rests.
 
 No piece is returned that the judge (`commit.py`) hasn't proven together with its stop. A path planned beside the cycle
-is taken over here, and the next one ordered. `TRAVELLED_IN` is time, and how close the bound is by which obstacles that
-may appear refuse a piece. With another order of work, or of random draws, journals that are kept replay to other ones.
+is taken over here, and the next one ordered. `TRAVELLED_IN`, never 0, is time, and how close the bound is by which what
+may appear refuses a piece. With another order of work, or of random draws, journals that are kept replay to other ones.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The numbers of streams, each with what chose it; distances kept are stated at size 1.
 
-They decide which motions are tried and sent: the judge (`commit.py`) proves each, whatever they are. With other numbers
-journals that are kept replay to other pieces.
+They decide which motions are tried and sent, `resting` also which goals are refused: the judge (`commit.py`) proves
+each motion whatever they are; `RISE` makes its limit of jerk. With other numbers kept journals replay to other pieces.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class StreamSettings:
     slowed: int = 4  # times that it is slowed down at most. A choice
     # time for which obstacles grow beyond what is proven along the path, so that fleeing has room [s]: the prototype's
     reserve: float = 0.06
-    evaluations: int = 600  # segments after which a commit without a verdict isn't sent: the median takes 4
+    evaluations: int = 600  # segments after which a commit isn't sent, or `judged` unproven: the median takes 4
     ahead: float = 0.25  # distance on the path from where the robot could stand to the target, at full speed [s]
     looked_at: float = 1.5  # part of the path that is examined in each cycle, in time at full speed [s]
     predicted: float = 0.25  # a goal is taken if something is on it now, or will be after this time [s]

@@ -21,7 +21,7 @@ from guidefield.geometry.surfaces import wire_pose
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
 
 BOX, SPHERE, CYLINDER = 1, 2, 3  # kinds of shape_msgs/SolidPrimitive that are served; a cone is 4, a prism 5
-LONGEST_NAME = 200  # characters of an object's name, to which its shapes' names add "/" and a number
+LONGEST_NAME = 200  # characters of an object's name; with "/" and a shape's number at most the 256 of our `Name`
 
 Shape = Box | Sphere | Cylinder | Mesh | HalfSpace
 

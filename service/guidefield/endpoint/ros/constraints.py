@@ -23,7 +23,7 @@ from guidefield.messages.scene import Box, Sphere
 from guidefield.messages.values import JointSetGoal, JointsGoal, PoseGoal, Tolerance3, Vector3
 
 EULER, ROTATION_VECTOR = 0, 1  # how an orientation's error is measured: intrinsic x, y, z angles, or a rotation vector
-ANY_TURN = math.pi  # a tolerance from which on an angle is free [rad]
+ANY_TURN = math.pi  # a tolerance from which on an angle is free [rad]; less would be looser than the message
 MOST_REGIONS = 64  # regions of one position constraint, for each of which configurations are searched
 FREE: Tolerance3 = (None, None, None)
 

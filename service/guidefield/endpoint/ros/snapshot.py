@@ -99,7 +99,7 @@ class KnownRobot:
         return (lower, upper) if math.isfinite(lower) and math.isfinite(upper) else (-math.inf, math.inf)
 
 
-MOST_NAMES = 2_000  # names in a matrix, whose square reading takes; `cdr.MOST_BYTES` admits about 2,890
+MOST_NAMES = 2_000  # names in a matrix, whose square reading takes; `MOST_BYTES` of a payload admits about 2,890
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ class KnownScene:
 
 
 ADD, REMOVE, APPEND, MOVE = range(4)  # operations of a CollisionObject: numbers of moveit_msgs
-MOST_OBJECTS = 10_000  # number of objects in a scene
+MOST_OBJECTS = 10_000  # number of objects in a scene, with those that are held
 
 
 def apply_scene(before: Snapshot, message: Any) -> Snapshot:
@@ -452,7 +452,7 @@ def _let_go(before: Snapshot, message: Any, where: str) -> Snapshot:
     return dataclasses.replace(before, objects=objects, held=held)
 
 
-def _require_served(message: Any) -> None:
+def _require_served(message: Any) -> None:  # what isn't refused must be applied: nothing else reads these fields
     if message.fixed_frame_transforms:
         raise FrameRefused("`fixed_frame_transforms` isn't served: use the root's frame")
     if len(message.world.octomap.octomap.data):

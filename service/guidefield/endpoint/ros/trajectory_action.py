@@ -102,7 +102,7 @@ CODES = {
 CANCEL_REFUSED, UNKNOWN_GOAL = 1, 2  # codes of action_msgs/srv/CancelGoal; with others it is canceling, or over
 START_TOLERANCE = 0.01  # a robot that is farther from the first row isn't moved [rad or m] (docs/execution.md)
 CHECK_INTERVAL_S = 0.05  # interval at which the caller checks for messages [s]
-SEARCH_AHEAD_S = 0.5  # time along the curve that the search for the controller's place goes beyond the elapsed time [s]
+SEARCH_AHEAD_S = 0.5  # how far past the elapsed time the place is searched [s]: less loses it, more may skip a loop
 CURVE_TOLERANCE = 1e-3
 """A controller whose desired position is farther from the curve follows another one, and is reported [rad or m].
 
