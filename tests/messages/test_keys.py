@@ -1,4 +1,4 @@
-"""Queries become the requests of their keys; the list of keys says what the rules of the keys say."""
+"""Queries become the requests of their keys, of streams and of users too; the list of keys says what its rules say."""
 
 import contextlib
 import pickle
@@ -11,9 +11,22 @@ from hypothesis import given, settings, strategies as st
 from guidefield.errors import GuidefieldError, MalformedRequest
 from guidefield.messages import keys, requests, stream_requests
 from guidefield.messages.codec import Encoding
-from guidefield.messages.keys import KEYS, SERVED, KeyInfo
+from guidefield.messages.identities import PLAIN, base_key, check_user, split_user
+from guidefield.messages.keys import KEYS, SERVED, KeyInfo, Query
 from guidefield.messages.scene import Scene
 from guidefield.messages.schemas import make_schemas
+from guidefield.messages.stream_requests import (
+    AimStream,
+    EndStream,
+    HaltStream,
+    JudgeStream,
+    ListStreams,
+    OpenStream,
+    ReadStream,
+    RecordStream,
+    decode_stream_query,
+    is_stream,
+)
 
 PLAN = b"""{"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"},
            "allowed_planning_time": 7, "run_id": "r"}"""
@@ -185,3 +198,69 @@ def test_every_rule_is_told() -> None:
     assert own == {"streams", *(f"streams/<id>{what}" for what in ("", "/goal", "/judge", "/stop", "/recording"))}
     told = {(key.key.split("/")[0], key.key.count("/") + 1) for key in QUERIED}
     assert set(keys._RULES) <= told
+
+
+OPEN = b'{"robot": "ur5", "scene": "table"}'
+
+
+def query(key: str, payload: bytes = b"", **parameters: str) -> Query:
+    return Query(tuple(key.split("/")), parameters, payload, Encoding.JSON)
+
+
+def test_what_is_asked_for() -> None:
+    assert decode_stream_query(query("streams")) == ListStreams()
+    opened = decode_stream_query(query("streams", OPEN))
+    assert isinstance(opened, OpenStream)
+    assert opened.request.robot == "ur5"
+    assert decode_stream_query(query("streams/a")) == ReadStream("a")
+    assert decode_stream_query(query("streams/a", delete="")) == EndStream("a")
+    assert decode_stream_query(query("streams/a/goal", b"{}")) == AimStream("a")
+    assert decode_stream_query(query("streams/a/judge", b"{}")) == JudgeStream("a")
+    assert decode_stream_query(query("streams/a/stop")) == HaltStream("a")
+    assert decode_stream_query(query("streams/a/recording")) == RecordStream("a")
+    assert is_stream(query("streams/a"))
+    assert not is_stream(query("scenes/streams"))
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (query("streams/a/pieces"), "nothing is served at 'streams/a/pieces'; served are"),
+        (query("streams/a/b/c"), "nothing is served"),
+        (query("streams", OPEN, delete=""), "unknown parameter 'delete' at 'streams'; valid: none"),
+        (query("streams/a", robot="x"), "unknown parameter 'robot' at 'streams/a'; valid: delete"),
+        (query("streams/a", b"{}"), "takes no payload"),
+        (query("streams/a/stop", b"{}"), "takes no payload"),
+        (query("streams/a/recording", b"{}"), "takes no payload"),
+        (query("streams/a/recording", robot="x"), "unknown parameter 'robot' at 'streams/a/recording'; valid: none"),
+        (query("streams/a/goal"), "StreamAim"),
+        (query("streams/a/judge"), "StreamJudge"),
+        (query("streams", b'{"robot": "ur5"}'), "scene"),
+        (query("streams", OPEN[:-1] + b', "stream_id": "a/b"}'), "stream_id"),
+        (query("streams", OPEN[:-1] + b', "latency": NaN}'), "NaN|malformed|invalid"),
+    ],
+)
+def test_what_does_not_fit(asked: Query, words: str) -> None:
+    with pytest.raises(MalformedRequest, match=words):
+        decode_stream_query(asked)
+
+
+USERS = st.from_regex(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}", fullmatch=True).filter(lambda user: user != PLAIN)
+CHUNKS = st.lists(st.from_regex(r"[a-z0-9]{1,8}", fullmatch=True), min_size=1, max_size=3).filter(
+    lambda chunks: chunks[0] != "as"
+)
+
+
+@given(USERS, CHUNKS)
+def test_a_key_below_a_users_is_that_users_and_every_other_one_is_plain(user: str, chunks: list[str]) -> None:
+    for asking in (user, PLAIN):
+        key = f"{base_key('cell', asking)}/{'/'.join(chunks)}"
+        assert split_user(key.split("/")[2:]) == (asking, tuple(chunks))
+
+
+@pytest.mark.parametrize("user", ["", "plain", ".hidden", "a/b", "a:b", "*", "a b", "x" * 65, "ä"])
+def test_nobody_can_be_called_what_is_no_chunk_no_folder_or_another_identity(user: str) -> None:
+    with pytest.raises(MalformedRequest, match="must be 1 to 64 of the characters"):
+        check_user(user)
+    with pytest.raises(MalformedRequest):
+        split_user(["as", user, "plan"])

@@ -1,4 +1,7 @@
+"""Recordings in the viewer's own words: of plans, of sequences and of searches."""
+
 import itertools
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,12 +14,16 @@ import pinocchio as pin
 import pytest
 import rerun as rr
 
+from guidefield.engine import Engine
 from guidefield.messages import replies
+from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.task.trace import Step
+from guidefield.planner.task.trace import GROWTH_STEPS, LoggedTrees, Step
+from guidefield.recorder import recorder
 from guidefield.recorder.documents import unpack
 from guidefield.recorder.motion import SHOWN_STEP
-from tests.recorder.runs import PLACEMENT, MadeUp, Recording, made_up
+from tests.examples import example
+from tests.recorder.runs import PLACEMENT, MadeUp, Recording, grown_trees, made_up
 
 SINGLE = 1e-6  # recordings keep lengths and quaternions in single precision: what rounding may cost near 1 m
 
@@ -296,3 +303,64 @@ def test_a_full_disk_leaves_the_earlier_recording_alone(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=root)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["OSError", "OSError"]
+
+
+@pytest.fixture(scope="module")
+def carried(tmp_path_factory: pytest.TempPathFactory) -> tuple[PlanReply, Recording]:
+    """The can is picked up, lifted, and put down in the air."""
+    request = json.loads(example("kitchen"))
+    request["steps"] = request["steps"][:4]
+    request["steps"][3]["detach"] = "can"
+    request |= {"allowed_planning_time": 120.0, "recording": "summary"}
+    path = tmp_path_factory.mktemp("sequence") / "run.rrd"
+    reply = Engine().answer(request, record_to=path)
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert reply.recording == str(path)
+    return reply, Recording(path)
+
+
+def test_the_object_rests_until_it_is_picked_up_and_is_carried_then(carried: tuple[PlanReply, Recording]) -> None:
+    reply, recording = carried
+    entity = "/obstacles/single/can"
+    times = recording.times(entity, "path_time")
+    moved = np.array(recording.values(entity, "Transform3D:translation", "path_time")).reshape(-1, 3)
+    lifting = reply.steps[3]
+    assert np.abs(moved[times <= lifting.begin]).max() < 1e-6
+    np.testing.assert_allclose(moved[-1], (0.0, 0.0, 0.04), atol=1e-3)
+    assert (np.diff(moved[times >= lifting.begin][:, 2]) > -1e-6).all()
+
+
+@pytest.fixture(scope="module", params=["panda", "kinova"])
+def searched(request: pytest.FixtureRequest) -> MadeUp:
+    return made_up(request.param)
+
+
+def _tip(searched: MadeUp, z: np.ndarray) -> np.ndarray:
+    model = searched.group.model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, searched.group.expand_from_chart(z))
+    return np.array(data.oMf[model.getFrameId(searched.group.tip)].translation)
+
+
+def test_each_edge_of_a_tree_is_drawn_once_a_parent_before_its_children(searched: MadeUp) -> None:
+    trees = grown_trees(searched.group)
+    (chunk,) = recorder.trees(
+        searched.group, [(5, LoggedTrees(tuple(len(points) for points, _ in trees), tuple(trees)))]
+    )
+    batch = chunk.to_record_batch()
+    assert batch.column("step").to_pylist() == list(range(5, 5 + GROWTH_STEPS))
+    rows = batch.column("LineStrips3D:strips").to_pylist()
+    drawn = np.array([strip for row in rows for strip in row])
+    expected = [
+        [_tip(searched, points[parent]), _tip(searched, point)]
+        for points, parents in trees
+        for point, parent in zip(points, parents, strict=True)
+        if parent >= 0
+    ]
+    assert drawn.shape == np.shape(expected)
+    for edge in expected:
+        assert np.isclose(drawn, edge, atol=1e-6).all(axis=(1, 2)).sum() == 1
+    reached = [_tip(searched, points[0]) for points, _ in trees] + [_tip(searched, trees[1][0][1])]
+    for start, end in drawn:
+        assert min(np.linalg.norm(np.subtract(start, one)) for one in reached) < 1e-5
+        reached.append(end)

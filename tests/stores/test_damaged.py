@@ -1,18 +1,31 @@
-"""Files of a store that were cut short, at every length: each is told by itself, and everything else is there."""
+"""Disks that are really full, and files that were cut short at every length: what was kept stays whole."""
 
+import contextlib
+import subprocess
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from guidefield.errors import RobotInvalid, SceneInvalid, UnknownObject
+from guidefield.engine import Engine
+from guidefield.errors import DiskRefused, RobotInvalid, SceneInvalid, UnknownObject, WorkerCrashed
 from guidefield.handlers.robots import robots
-from guidefield.messages.requests import RobotFiles
-from guidefield.messages.scene import Box, Scene
+from guidefield.messages import codec
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.replies import make_error_reply
+from guidefield.messages.requests import ReadRuns, RobotFiles, StoreRobot, StoreScene
+from guidefield.messages.scene import Box, Scene, Sphere
 from guidefield.rendering import whole_recording
 from guidefield.robot.catalog import Catalog
+from guidefield.stores import run_file
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore
+from guidefield.stores.run_file import FILE
+from guidefield.stores.runs import RunDatabase
 from guidefield.stores.scenes import SceneStore
+from tests.kept_runs import begin, keep, new_run
+from tests.replies import plan_reply
 from tests.robots import box_arm
 
 ARM = RobotFiles(urdf=box_arm("y", 2).text)
@@ -78,3 +91,114 @@ def test_a_damaged_scene_is_told_and_stored_again(tmp_path: Path) -> None:
             store.read("shelf")
     store.write(scene)
     assert store.read("shelf")[0] == scene
+
+
+ROOM = 768  # of the disk [KiB]: for a few requests and replies, and no more than a recording or two
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={ROOM}k", "tmpfs", str(tmp_path)]
+    try:
+        subprocess.run(mount, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("a small disk can't be mounted here; that takes root")
+    yield tmp_path
+    subprocess.run(["umount", str(tmp_path)], check=True)
+
+
+def _filled(disk: Path) -> Path:
+    """A file that takes all the room that is left."""
+    filler = disk / "filler"
+    with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
+        while file.write(bytes(4096)):
+            pass
+    return filler
+
+
+def test_a_full_disk_is_told_and_what_was_kept_stays(small_disk: Path) -> None:
+    database = RunDatabase(small_disk)
+    runs = database.of(PLAIN)
+    keep(database, "before")
+    running = begin(database, "running")
+    assert runs.list(ReadRuns()).total == 2
+    filler = _filled(small_disk)
+    kept = {"before"}
+    for number in range(200):  # the file has some room left inside
+        run = new_run(f"r{number}")
+        if runs.finish(run, codec.encode(plan_reply(run.run_id))).exception() is not None:
+            break
+        kept.add(run.run_id)
+    with pytest.raises(DiskRefused, match=r"^the disk refuses: No space left on device$"):
+        runs.finish(running, b" " * 100_000 + codec.encode(plan_reply("running"))).result()
+    assert {run.run_id for run in runs.list(ReadRuns()).runs} == kept, "nor does it seem to be under way"
+    assert runs.list(ReadRuns()).total == len(kept)
+    assert not runs.has("running")
+    filler.unlink()
+    until = time.monotonic() + 30.0
+    while database.unended:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    keep(database, "after")
+    assert {run.run_id for run in runs.list(ReadRuns()).runs} == {*kept, "after"}
+    assert runs.read("before").reply == plan_reply("before")
+    database.close()
+
+
+def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(small_disk, monkeypatch):
+    monkeypatch.setattr(run_file, "RETRY_INTERVAL_S", 0.0)
+    monkeypatch.setattr(run_file, "UPKEEP_INTERVAL_S", 0.02)
+    database = RunDatabase(small_disk)
+    begin(database, "abandoned")
+    database.close()
+    filler = _filled(small_disk)
+    database = RunDatabase(small_disk)
+    with pytest.raises(DiskRefused, match="disk"):
+        database.sweep(make_error_reply(WorkerCrashed("left behind")))
+    with pytest.raises(DiskRefused, match="disk"):
+        keep(database, "r1")
+    filler.unlink()
+    running = begin(database, "running")
+    keep(database, "r2")
+    until = time.monotonic() + 30.0
+    while database.of(PLAIN).read("abandoned").error is None:  # what the start could not do is done now
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    listed = database.of(PLAIN).list(ReadRuns()).runs
+    assert {run.run_id: run.status for run in listed} == {"abandoned": "CRASH", "r2": "SUCCESS", "running": "RUNNING"}
+    database.of(PLAIN).discard(running).result()
+    database.close()
+
+
+def test_a_database_that_stays_damaged_is_told_once(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(run_file, "UPKEEP_INTERVAL_S", 0.01)
+    (tmp_path / FILE).write_bytes(b"no database" * 1_000)
+    database = RunDatabase(tmp_path)
+    with pytest.raises(DiskRefused, match="damaged"):
+        database.sweep(make_error_reply(WorkerCrashed("left behind")))
+    tried = 0
+
+    def sweep(*_: object) -> None:
+        nonlocal tried
+        tried += 1
+        raise DiskRefused("it is damaged")
+
+    monkeypatch.setattr(database, "sweep", sweep)
+    until = time.monotonic() + 30.0
+    while tried < 5 and time.monotonic() < until:
+        time.sleep(0.01)
+    database.close()
+    assert tried >= 5
+    assert sum("it is damaged" in record.message for record in caplog.records) == 1
+
+
+def test_a_store_on_a_full_disk_says_so_without_a_path(small_disk: Path) -> None:
+    engine = Engine(scenes=SceneStore(small_disk / "scenes"), robots=RobotStore(small_disk / "robots"))
+    _filled(small_disk)
+    for request in (
+        StoreScene("ball", Scene("ball", obstacles=[Sphere(name="ball", radius=0.1)])),
+        StoreRobot("arm", RobotFiles(urdf=box_arm("y", 2).text)),
+    ):
+        with pytest.raises(DiskRefused, match=r"^the disk refuses: No space left on device$"):
+            engine.answer(request)
+    assert not list((small_disk / "robots" / "contents").iterdir())

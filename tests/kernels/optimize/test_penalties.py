@@ -25,7 +25,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from tests.kernels.optimize.test_motion_objective import moved, objective_of_loads
 from tests.kernels.tree.test_path_constraints import random_frames
-from tests.planner.task.test_effort import KINDS, weighty_chain
+from tests.planner.task.test_motion_limits import TREES, weighty_chain
 from tests.robots import group
 
 ARM, STEP, PIECES, WEIGHT = group("panda"), 0.4, 9, 50.0
@@ -103,7 +103,7 @@ def test_its_gradient_is_that_of_its_value(kind) -> None:
 
 
 @settings(max_examples=20)
-@given(KINDS, st.integers(0, 2**32 - 1))
+@given(TREES, st.integers(0, 2**32 - 1))
 def test_derivatives_of_torques_are_pinocchios(kinds, seed) -> None:
     planned = weighty_chain(kinds, seed)
     tree, (z, dz, ddz) = tree_of(planned), np.random.default_rng(seed).normal(size=(3, planned.nv))
