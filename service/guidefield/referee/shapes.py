@@ -254,11 +254,11 @@ def ears(corners: np.ndarray) -> np.ndarray:
     Raises:
         ValueError: if it isn't simple.
     """
-    flat = _flat(corners)
+    flat = _flatten(corners)
     left, cut = list(range(len(corners))), []
     while len(left) > 2:
-        ear = max(range(len(left)), key=lambda k: _ear(flat, left, k))
-        if _ear(flat, left, ear) < 0.0:
+        ear = max(range(len(left)), key=lambda k: _area_of_ear(flat, left, k))
+        if _area_of_ear(flat, left, ear) < 0.0:
             raise ValueError("a polygon isn't simple")
         cut.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
         del left[ear]
@@ -272,7 +272,7 @@ def is_divided(corners: np.ndarray, triangles: np.ndarray) -> bool:
     """
     if triangles.shape != (len(corners) - 2, 3) or not ((triangles >= 0) & (triangles < len(corners))).all():
         return False
-    flat = _flat(corners)
+    flat = _flatten(corners)
     areas = [float(_twice_area(flat[a], flat[b], flat[c][None])[0]) for a, b, c in triangles.tolist()]
     turned = [row if area >= 0.0 else row[::-1] for row, area in zip(triangles.tolist(), areas, strict=True)]
     edges = {(row[k - 1], row[k]) for row in turned for k in range(3)}
@@ -280,7 +280,7 @@ def is_divided(corners: np.ndarray, triangles: np.ndarray) -> bool:
     return {(a, b) for a, b in edges if (b, a) not in edges} == own and len(edges) == 3 * len(triangles)
 
 
-def _flat(corners: np.ndarray) -> np.ndarray:
+def _flatten(corners: np.ndarray) -> np.ndarray:
     """Return the corners (n, 3) of a flat polygon in a plane in which they turn to the left, shape (n, 2)."""
     following = np.roll(corners, -1, axis=0)
     normal = np.cross(corners - corners[0], following - corners[0]).sum(axis=0)
@@ -289,7 +289,7 @@ def _flat(corners: np.ndarray) -> np.ndarray:
     return flat
 
 
-def _ear(flat: np.ndarray, left: Sequence[int], k: int) -> float:
+def _area_of_ear(flat: np.ndarray, left: Sequence[int], k: int) -> float:
     """Return the area that cutting off the corner left[k] removes; -1 if it can't be cut."""
     a, b, c = flat[left[k - 1]], flat[left[k]], flat[left[(k + 1) % len(left)]]
     others = flat[[one for one in left if one not in (left[k - 1], left[k], left[(k + 1) % len(left)])]]
@@ -332,9 +332,9 @@ def read_mesh_file(path: Path) -> np.ndarray:
             content = pattern.sub(instead, path.read_bytes())
             path = Path(folder) / f"mesh{path.suffix}"
             path.write_bytes(content)
-        _run("export", str(path), str(made), "-fassbin", "-tri")
+        _run_assimp("export", str(path), str(made), "-fassbin", "-tri")
         try:
-            root, meshes = _scene(made.read_bytes())
+            root, meshes = _read_scene(made.read_bytes())
         except (struct.error, ValueError, IndexError) as error:
             raise UnreadableMesh(f"what Assimp made of it can't be read: {error}") from None
     placed = [np.empty((0, 3, 3)), *_place_meshes(root, np.eye(4), meshes)]
@@ -347,7 +347,7 @@ def read_mesh_file(path: Path) -> np.ndarray:
 
 
 @functools.cache
-def _prefix() -> Path:
+def _find_prefix() -> Path:
     """Find the folder of the command and its libraries: that of the package cmeel-assimp, or a conda environment's."""
     try:
         return Path(str(distribution("cmeel-assimp").locate_file(PREFIX)))
@@ -355,8 +355,8 @@ def _prefix() -> Path:
         return Path(sys.prefix)
 
 
-def _run(*arguments: str) -> None:
-    prefix = _prefix()
+def _run_assimp(*arguments: str) -> None:
+    prefix = _find_prefix()
     paths = dict.fromkeys(("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH"), str(prefix / "lib"))
     try:
         ran = subprocess.run(  # noqa: S603 - of a package that is installed, with files of our own
@@ -383,23 +383,23 @@ def _place_meshes(node: _Node, above: np.ndarray, meshes: list[np.ndarray]) -> I
         yield from _place_meshes(child, placement, meshes)
 
 
-def _scene(content: bytes) -> tuple[_Node, list[np.ndarray]]:
+def _read_scene(content: bytes) -> tuple[_Node, list[np.ndarray]]:
     scene = _Chunk(content, ASSBIN_HEADER, SCENE)
     _, count, *_ = scene.take("7I")
-    root = _node(scene.chunk(NODE))
-    return root, [_mesh(scene.chunk(MESH)) for _ in range(count)]
+    root = _read_node(scene.chunk(NODE))
+    return root, [_read_mesh(scene.chunk(MESH)) for _ in range(count)]
 
 
-def _node(chunk: _Chunk) -> _Node:
+def _read_node(chunk: _Chunk) -> _Node:
     (length,) = chunk.take("I")
     chunk.take(f"{length}s")
     placement = np.array(chunk.take("16f"), float).reshape(4, 4)
     children, meshes, _ = chunk.take("3I")
     own = chunk.take(f"{meshes}I")
-    return _Node(placement, own, tuple(_node(chunk.chunk(NODE)) for _ in range(children)))
+    return _Node(placement, own, tuple(_read_node(chunk.chunk(NODE)) for _ in range(children)))
 
 
-def _mesh(chunk: _Chunk) -> np.ndarray:
+def _read_mesh(chunk: _Chunk) -> np.ndarray:
     _, vertices, faces, _, _, has = chunk.take("6I")
     if not has & POSITIONS:
         return np.empty((0, 3, 3))

@@ -72,7 +72,7 @@ def summarize(entry: Entry) -> RobotSummary:
     card, path = entry.card, entry.folder / entry.card.urdf
     described = read_xml(entry.folder / card.srdf) if card.srdf else None
     line = RobotSummary(name=entry.name, source=entry.source, family=entry.family)
-    return _summary(line, read_xml(path), described, card, MeshResolver.for_catalog(path))
+    return _summarize(line, read_xml(path), described, card, MeshResolver.for_catalog(path))
 
 
 def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSummary:
@@ -80,7 +80,7 @@ def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSumma
     line = RobotSummary(name=robot.name, source="stored", family=robot.name)
     card = msgspec.structs.replace(NO_CARD, root_joint=robot.root_joint)
     if not is_mjcf(robot.urdf):
-        return _summary(line, robot.urdf, robot.srdf, card, MeshResolver.for_wire(package_dirs, robot.meshes))
+        return _summarize(line, robot.urdf, robot.srdf, card, MeshResolver.for_wire(package_dirs, robot.meshes))
     try:
         compiled = compile_text(robot.urdf)
         converted = convert(compiled, robot.name, robot.root_joint)
@@ -88,10 +88,10 @@ def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSumma
         return msgspec.structs.replace(line, problem=str(error))
     root = "fixed" if root_is_fixed(compiled.model, robot.root_joint) else robot.root_joint
     card = msgspec.structs.replace(card, root_joint=root, ball_joints=list(converted.balls))
-    return _summary(line, converted.urdf, robot.srdf, card, MeshResolver(given=converted.meshes))
+    return _summarize(line, converted.urdf, robot.srdf, card, MeshResolver(given=converted.meshes))
 
 
-def _summary(
+def _summarize(
     line: RobotSummary, urdf: str, srdf_text: str | None, card: RobotCard, resolver: MeshResolver
 ) -> RobotSummary:
     try:
@@ -219,7 +219,7 @@ class Catalog:
         if loaded is None or any(_stamp(file) != was for file, was in loaded.stamps.items()):
             self._loaded.remove(key)
             robot = self._build(reference)
-            stamps = {file: _stamp(file) for file in _files(reference, robot)}
+            stamps = {file: _stamp(file) for file in _files_of(reference, robot)}
             loaded = self._loaded.insert(key, _Loaded(robot, stamps))
         return loaded.robot
 
@@ -274,8 +274,8 @@ class Catalog:
 
 
 def _from_file(reference: UrdfFile) -> RobotModel:
-    path = _file(reference.path, "URDF")
-    srdf_path = _file(reference.srdf_path, "SRDF") if reference.srdf_path else None
+    path = _find_file(reference.path, "URDF")
+    srdf_path = _find_file(reference.srdf_path, "SRDF") if reference.srdf_path else None
     if is_mjcf(path.read_text(errors="replace")):
         semantics = None if srdf_path is None else read_xml(srdf_path)
         return load_mjcf(path.stem, compile_file(path), semantics, reference.root_joint)
@@ -291,7 +291,7 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     return dataclasses.replace(robot, warnings=(*described.warnings, *robot.warnings))
 
 
-def _file(named: str, kind: str) -> Path:
+def _find_file(named: str, kind: str) -> Path:
     path = absolute(named)
     try:
         if path.is_file():
@@ -322,7 +322,7 @@ def _key(reference: RobotReference | SentRobot) -> str:
     return f"file:{Path.cwd()}:{files}:{reference.root_joint}"
 
 
-def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[str]:
+def _files_of(reference: RobotReference | SentRobot, robot: RobotModel) -> list[str]:
     if not isinstance(reference, UrdfFile):
         return []
     meshes = [mesh.get("filename") for mesh in etree.fromstring(robot.source.urdf_text.encode()).iter("mesh")]
@@ -355,7 +355,7 @@ def _stamp(file: str) -> _Stamp | None:
 def lines_of(entries: Iterable[Entry]) -> list[RobotSummary]:
     """Return a line about each robot, in their order; from disk if they were made before of the same files."""
     known = list(entries)
-    state = f"{_sources()} {pin.__version__}"
+    state = f"{_hash_sources()} {pin.__version__}"
     for entry in known:
         files = [entry.folder / name for name in (entry.card.urdf, entry.card.srdf) if name is not None]
         state += f"\0{entry} {[(file.stat().st_mtime_ns, file.stat().st_size) for file in files]}"
@@ -368,7 +368,7 @@ def lines_of(entries: Iterable[Entry]) -> list[RobotSummary]:
 
 
 @functools.cache
-def _sources() -> str:
+def _hash_sources() -> str:
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(source.read_bytes())

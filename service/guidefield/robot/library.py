@@ -99,21 +99,21 @@ class Entry:
 @functools.cache
 def entries() -> dict[str, Entry]:
     """Return every name, in alphabetical order: found URDFs, and our cards, which take precedence."""
-    return dict(sorted({**_find_entries(), **_ours()}.items()))
+    return dict(sorted({**_find_entries(), **_find_our_entries()}.items()))
 
 
-def _robots() -> Path:
+def _robots_folder() -> Path:
     return catalog_share() / CATALOG_PACKAGE / "robots"
 
 
 def _find_entries() -> dict[str, Entry]:
     """Find the URDFs of example-robot-data by the names of their files, or of packages where files share a name."""
-    robots = _robots()
+    robots = _robots_folder()
     urdfs = sorted(robots.glob("*/*/*.urdf"))
     stems = [path.stem for path in urdfs]
     found: dict[str, Entry] = {}
     for path in urdfs:
-        family = _family(path.relative_to(robots))
+        family = _family_of(path.relative_to(robots))
         name = path.stem.removesuffix("_robot").lower()
         if stems.count(path.stem) > 1:
             name = family
@@ -125,20 +125,20 @@ def _find_entries() -> dict[str, Entry]:
     return found
 
 
-def _ours() -> dict[str, Entry]:
-    robots, ours = _robots(), importlib.resources.files(_PACKAGE)
+def _find_our_entries() -> dict[str, Entry]:
+    robots, ours = _robots_folder(), importlib.resources.files(_PACKAGE)
     found = {}
     for resource in ours.iterdir():
         if resource.name.endswith(_CARD):
             name, card = resource.name.removesuffix(_CARD), _decode_card(resource.read_bytes())
             if (robots / card.urdf).is_file():
-                found[name] = Entry(name, card, robots, CATALOG_PACKAGE, _family(Path(card.urdf)))
+                found[name] = Entry(name, card, robots, CATALOG_PACKAGE, _family_of(Path(card.urdf)))
             else:
                 found[name] = Entry(name, card, Path(str(ours)), OURS, name)
     return found
 
 
-def _family(urdf: Path) -> str:
+def _family_of(urdf: Path) -> str:
     return urdf.parts[0].removesuffix("_description").removesuffix("_data").lower()
 
 
@@ -159,7 +159,7 @@ def find_description(name: str) -> UrdfFile:
     own = name.removeprefix(ROBOT_DESCRIPTIONS)
     if not re.fullmatch(r"[A-Za-z]\w{0,99}", own):
         raise RobotInvalid(f"{own[:64]!r} is no name of robot_descriptions", robot=name[:99])
-    found = _load(own)
+    found = _run_loader(own)
     if "missing" in found:
         raise RobotInvalid(
             f"{name!r} needs the package robot_descriptions: pip install 'guidefield[robot_descriptions]' "
@@ -178,7 +178,7 @@ def find_description(name: str) -> UrdfFile:
     return UrdfFile(path, found.get("SRDF_PATH"), list(dict.fromkeys(folders)), xacro_args=arguments)
 
 
-def _load(own: str) -> dict[str, Any]:
+def _run_loader(own: str) -> dict[str, Any]:
     """Import a description in a process of its own; RobotInvalid with its last line if that fails."""
     environment = {
         **os.environ,
@@ -197,19 +197,19 @@ def _load(own: str) -> dict[str, Any]:
         try:
             said, complaint = process.communicate(timeout=MAX_DOWNLOAD_SECONDS)
         except subprocess.TimeoutExpired:
-            raise _not_delivered(own, f"it took more than {MAX_DOWNLOAD_SECONDS:g} s") from None
+            raise _loading_fault(own, f"it took more than {MAX_DOWNLOAD_SECONDS:g} s") from None
         finally:
             if process.poll() is None:  # it and git
                 os.killpg(process.pid, signal.SIGKILL)
     if process.returncode:
         lines = [line.strip() for line in complaint.decode(errors="replace").splitlines() if line.strip()]
         causes = [line for line in lines if "fatal:" in line] or lines[-1:]
-        raise _not_delivered(own, causes[-1] if causes else f"its loader ended with {process.returncode}")
+        raise _loading_fault(own, causes[-1] if causes else f"its loader ended with {process.returncode}")
     found: dict[str, Any] = json.loads(said.decode().splitlines()[-1])
     return found
 
 
-def _not_delivered(own: str, reason: str) -> RobotInvalid:
+def _loading_fault(own: str, reason: str) -> RobotInvalid:
     return RobotInvalid(
         f"robot_descriptions could not load {own!r}: {reason}; it downloads from Git what isn't in its cache: run "
         f"`python -m robot_descriptions pull {own}` where there is a network, or copy its cache folder",

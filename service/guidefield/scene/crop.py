@@ -107,23 +107,23 @@ def crop(
     return scene, chosen
 
 
-def _over(
+def _update_nearest(
     known: NearestObstacles, rows: Rows, scene: Scene, ball: Ball, named: frozenset[str] = NOBODY
 ) -> NearestObstacles:
-    fresh = _gaps([scene.obstacles[index] for index in rows.fresh], ball, named)
+    fresh = _bound_gaps([scene.obstacles[index] for index in rows.fresh], ball, named)
     least, most = rows.carry(known.least, fresh[0]), rows.carry(known.most, fresh[1])
     chosen = _choose(least, most)
-    return NearestObstacles(least, most, chosen, _some(known, rows, scene, chosen))
+    return NearestObstacles(least, most, chosen, _kept_scene(known, rows, scene, chosen))
 
 
-def _some(known: NearestObstacles, rows: Rows, scene: Scene, chosen: np.ndarray) -> Scene | None:
+def _kept_scene(known: NearestObstacles, rows: Rows, scene: Scene, chosen: np.ndarray) -> Scene | None:
     """Return the scene with the chosen obstacles, None if they are all of it; the one before if it has the same."""
     some = known.some
     if some is None or len(chosen) == rows.count:
-        return _of(scene, chosen)
+        return _chosen_scene(scene, chosen)
     if len(chosen) < MANY:
         obstacles = tuple(map(scene.obstacles.__getitem__, chosen.tolist()))
-        return some if obstacles == some.obstacles else _of(scene, chosen)
+        return some if obstacles == some.obstacles else _chosen_scene(scene, chosen)
     step = rows.among(known.chosen, chosen)
     if not step.fresh and not step.removed:
         return some
@@ -133,27 +133,27 @@ def _some(known: NearestObstacles, rows: Rows, scene: Scene, chosen: np.ndarray)
     return with_others(some, step, fresh, declare_with(scene.message, declared))
 
 
-def _of(scene: Scene, chosen: np.ndarray) -> Scene | None:
+def _chosen_scene(scene: Scene, chosen: np.ndarray) -> Scene | None:
     return None if len(chosen) == len(scene.obstacles) else scene.of(chosen.tolist())
 
 
-@incremental(_over)
+@incremental(_update_nearest)
 def nearest_obstacles(scene: Scene, ball: Ball, named: frozenset[str] = NOBODY) -> NearestObstacles:
     """Find the obstacles that may be nearest at some time, and all at rest that are no primitives; see `crop`.
 
     In a changed scene only the distances of other obstacles are found anew; `some` is the scene before if the chosen
     obstacles are the same.
     """
-    least, most = _gaps(scene.obstacles, ball, named)
+    least, most = _bound_gaps(scene.obstacles, ball, named)
     chosen = _choose(least, most)
-    return NearestObstacles(least, most, chosen, _of(scene, chosen))
+    return NearestObstacles(least, most, chosen, _chosen_scene(scene, chosen))
 
 
 def _choose(least: np.ndarray, most: np.ndarray) -> np.ndarray:
     return np.flatnonzero(least <= most.min(initial=np.inf))
 
 
-def _gaps(obstacles: Sequence[Obstacle], ball: Ball, named: frozenset[str]) -> tuple[np.ndarray, np.ndarray]:
+def _bound_gaps(obstacles: Sequence[Obstacle], ball: Ball, named: frozenset[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds on obstacles' distances from any place in the ball at any time, both of shape (n,) [m].
 
     Named obstacles, and those at rest that are no primitives, are always kept: minus and plus infinity.
@@ -176,7 +176,7 @@ def _is_large(obstacle: Obstacle) -> bool:
     return obstacle.motion is None and is_large(obstacle.faces)
 
 
-def _with_cropped(scene: Scene, ball: Ball) -> Scene | None:
+def _crop_obstacles(scene: Scene, ball: Ball) -> Scene | None:
     parts = [_crop_obstacle(one, ball) if _is_large(one) else None for one in scene.obstacles]
     if not any(parts):
         return None
@@ -184,7 +184,7 @@ def _with_cropped(scene: Scene, ball: Ball) -> Scene | None:
     return dataclasses.replace(scene, obstacles=cropped)
 
 
-def _crop(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
+def _crop_one(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
     centre, recipe = obstacle.placement.actInv(np.array(ball[:3])), obstacle.recipe
     if obstacle.cloud is not None:
         return _crop_cloud(obstacle, obstacle.cloud, centre, ball.radius)
@@ -267,7 +267,7 @@ def _find_parts(
     vertices, triangles = surface
     if len(solids) > 1:
         solids = _near_solids(vertices, solids, centre, radius)
-    parts = [_part(vertices, one, centre, radius) for one in solids]
+    parts = [_crop_solid(vertices, one, centre, radius) for one in solids]
     if sum(len(kept) for kept, _ in parts) > most * len(triangles):
         return {"counts": np.empty((0, 2), np.int64)}
     alone, numbers = drop_unused(vertices, np.concatenate([one for part in parts for one in part]))
@@ -308,7 +308,7 @@ def _restore_part(
     return CroppedSurface(kept, found["anchors"], found["box"], whole, solids, content)
 
 
-def _part(
+def _crop_solid(
     vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the triangles of a solid that are kept, and their neighbours."""
@@ -356,5 +356,5 @@ def anchor_of(vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, r
     return row
 
 
-_crop_large = memoized_by(lambda scene: scene, _with_cropped, KEPT_BALLS)
-_crop_obstacle = memoized_by(lambda obstacle: obstacle, _crop, KEPT_BALLS)
+_crop_large = memoized_by(lambda scene: scene, _crop_obstacles, KEPT_BALLS)
+_crop_obstacle = memoized_by(lambda obstacle: obstacle, _crop_one, KEPT_BALLS)

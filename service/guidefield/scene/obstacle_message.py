@@ -1,10 +1,10 @@
 """Read an obstacle's message: its numbers, listed or packed, its hashes and its motion; put the obstacle elsewhere.
 
 Built obstacles, scenes and files on disk are found again by these hashes. A kind of obstacle that may have very many
-numbers belongs in `_GEOMETRY` (and in `_parts`), so that they are hashed only once; one that isn't `messages.Placed`
-needs a function in `_POSED`. A motion has placements at times, with a screw from each to the next, and rests before and
-after. Proofs bound distances by its speeds, so these may be larger, never smaller; the referee has this motion, too, by
-code of its own.
+numbers belongs in `_GEOMETRY` (and in `_count_parts`), so that they are hashed only once; one that isn't
+`messages.Placed` needs a function in `_POSED`. A motion has placements at times, with a screw from each to the next,
+and rests before and after. Proofs bound distances by its speeds, so these may be larger, never smaller; the referee has
+this motion, too, by code of its own.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ def points_in(points: Points) -> np.ndarray:
     """Return the points of a message, shape (n, 3) [m]."""
     if isinstance(points, Float32Array):
         return np.frombuffer(points.float32, "<f4").reshape(-1, 3).astype(float)
-    return _triples(points, float)
+    return _read_triples(points, float)
 
 
 def corners_in(triangles: Triangles) -> np.ndarray:
     """Return the indices of triangles' corners in a message, shape (t, 3)."""
     if isinstance(triangles, Uint32Array):
         return np.frombuffer(triangles.uint32, "<u4").reshape(-1, 3).astype(np.int64)
-    return _triples(triangles, np.int64)
+    return _read_triples(triangles, np.int64)
 
 
-def _triples(listed: list[Any], kind: type) -> np.ndarray:
+def _read_triples(listed: list[Any], kind: type) -> np.ndarray:
     flat = itertools.chain.from_iterable(listed)  # NumPy reads it in a third of the time
     return np.fromiter(flat, kind, 3 * len(listed)).reshape(-1, 3)
 
@@ -58,10 +58,10 @@ def count_of(some: Points | Triangles) -> int:
 
 def are_many(declared: Sequence[messages.Obstacle | messages.GuidePlane], most: int) -> bool:
     """Return whether obstacles or guide planes with their corners, triangles, points and places are at least `most`."""
-    return len(declared) >= most or len(declared) + sum(map(_parts, declared)) >= most
+    return len(declared) >= most or len(declared) + sum(map(_count_parts, declared)) >= most
 
 
-def _parts(declared: messages.Obstacle | messages.GuidePlane) -> int:
+def _count_parts(declared: messages.Obstacle | messages.GuidePlane) -> int:
     """Count the corners, triangles, points and places of a declaration; 0 for a primitive at rest."""
     match declared:
         case messages.GuidePlane():
@@ -220,21 +220,21 @@ def _place_corners(message: Any, placement: Any) -> messages.Obstacle:
     return _replace(message, vertices=corners)
 
 
-def _plane(message: Any, placement: Any) -> messages.Obstacle:
+def _place_plane(message: Any, placement: Any) -> messages.Obstacle:
     normal = placement.rotation @ np.array(message.normal, float)
     offset = message.offset + float(normal @ placement.translation)
     return _replace(message, normal=tuple(normal.tolist()), offset=offset)
 
 
-def _points(message: Any, placement: Any) -> messages.Obstacle:
+def _place_points(message: Any, placement: Any) -> messages.Obstacle:
     return _replace(message, points=transform_points(placement, points_in(message.points)).tolist())
 
 
 _POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = {
     messages.Sphere: _place_centre,
     messages.Polygon: _place_corners,
-    messages.HalfSpace: _plane,
-    messages.PointCloud: _points,
+    messages.HalfSpace: _place_plane,
+    messages.PointCloud: _place_points,
 }
 """Functions that pose the message of each kind that isn't `Placed`."""
 

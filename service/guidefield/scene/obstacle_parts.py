@@ -210,7 +210,7 @@ def judge_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh
     The facts of a large mesh are read from disk, by its hash `content`, if it was judged before.
     """
     if not is_large(count_of(corners)):
-        surface = _judge(points_in(points), corners_in(corners))
+        surface = _judge_surface(points_in(points), corners_in(corners))
         return None if surface is None else as_judged(surface)
     large = _LargeMesh(points, corners, content)
     return _restore(find_or_compute("mesh", large.known, large.find_facts), lambda: large.surface, content)
@@ -225,7 +225,7 @@ class _LargeMesh:
 
     @cached_property
     def _judgement(self) -> MeshSurface | None:
-        return _judge(points_in(self._points), corners_in(self._corners))
+        return _judge_surface(points_in(self._points), corners_in(self._corners))
 
     @cached_property
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
@@ -252,7 +252,7 @@ def extent_of(points: np.ndarray) -> float:
     return float(extents(points).max())
 
 
-def _judge(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
+def _judge_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
     mesh = join_mesh(vertices, triangles)
     if not is_large(len(triangles)) or not has_area(mesh.vertices, mesh.triangles):
         surface = surface_of(mesh)
@@ -309,7 +309,7 @@ def solids_of(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
     found: list[list[np.ndarray]] = [[solid] for solid in solids]
     for hollow in hollows:
         inside = vertices[hollow[0]].mean(axis=0)[None]
-        around = (k for k, solid in enumerate(solids) if _winding(vertices[solid], inside) > 0.5)
+        around = (k for k, solid in enumerate(solids) if _winding_about(vertices[solid], inside) > 0.5)
         # a hollow in no piece belongs to the largest
         found[next(around, len(solids) - 1)].append(hollow)
     return [np.concatenate(group) for group in found]
@@ -340,5 +340,5 @@ def _label_pieces(count: int, triangles: np.ndarray) -> np.ndarray:
     return joined
 
 
-def _winding(corners: np.ndarray, point: np.ndarray) -> float:
+def _winding_about(corners: np.ndarray, point: np.ndarray) -> float:
     return float(field_at_points(field_tables(triangles=corners), point).winding[0])

@@ -69,7 +69,7 @@ def read_collada(content: bytes) -> Objects:
 
     MeshFault if it isn't COLLADA, is malformed, names something that isn't there, or has a geometry that is no mesh.
     """
-    document = _ColladaDocument(_collada_root(content))
+    document = _ColladaDocument(_parse_collada(content))
     collected = Collected()
     for geometry, placement in document.instances(collected.visit):
         collected.add(document.mesh(geometry), placement)
@@ -79,7 +79,7 @@ def read_collada(content: bytes) -> Objects:
 
 def read_collada_up_axis(content: bytes) -> str:
     """Return the axis that a COLLADA file says to be up, `x`, `y` or `z`, else y; MeshFault if it is another."""
-    asset = child_of(_collada_root(content), "asset")
+    asset = child_of(_parse_collada(content), "asset")
     stated = None if asset is None else child_of(asset, "up_axis")
     axis = "Y_UP" if stated is None else (stated.text or "").strip()
     if axis not in ("X_UP", "Y_UP", "Z_UP"):
@@ -89,7 +89,7 @@ def read_collada_up_axis(content: bytes) -> str:
 
 def read_collada_unit(content: bytes) -> float:
     """Return the length of a COLLADA file's unit [m]; MeshFault if it isn't positive."""
-    return collada_unit(_collada_root(content))
+    return collada_unit(_parse_collada(content))
 
 
 def collada_unit(root: Element) -> float:
@@ -106,7 +106,7 @@ def collada_unit(root: Element) -> float:
     return length
 
 
-def _collada_root(content: bytes) -> Element:
+def _parse_collada(content: bytes) -> Element:
     try:
         root = etree.fromstring(content, etree.XMLParser(**STRICT_XML))
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -133,11 +133,11 @@ class _ColladaDocument:
             for child in node:
                 match local_name(child):
                     case "instance_geometry":
-                        yield self._target(child, "geometry"), placement
+                        yield self._find_target(child, "geometry"), placement
                     case "instance_controller":
-                        yield self._skinned(self._target(child, "controller"), placement)
+                        yield self._find_skinned(self._find_target(child, "controller"), placement)
                     case "instance_node":
-                        below.append((self._target(child, "node"), placement, depth + 1))
+                        below.append((self._find_target(child, "node"), placement, depth + 1))
                     case "node":
                         below.append((child, placement, depth + 1))
             pending += reversed(below)
@@ -165,7 +165,7 @@ class _ColladaDocument:
         scene = child_of(self.root, "scene")
         instance = None if scene is None else child_of(scene, "instance_visual_scene")
         if instance is not None:
-            return self._target(instance, "visual_scene")
+            return self._find_target(instance, "visual_scene")
         scenes = [
             one for library in children(self.root, "library_visual_scenes") for one in children(library, "visual_scene")
         ]
@@ -173,7 +173,7 @@ class _ColladaDocument:
             raise MeshFault(f"has no <scene>, and {len(scenes)} visual scenes to choose from")
         return scenes[0]
 
-    def _skinned(self, controller: Element, placement: np.ndarray) -> tuple[Element, np.ndarray]:
+    def _find_skinned(self, controller: Element, placement: np.ndarray) -> tuple[Element, np.ndarray]:
         """Return the geometry that a controller deforms, and its placement in the bind pose."""
         seen = set()
         while local_name(controller) == "controller" and controller not in seen:
@@ -182,8 +182,8 @@ class _ColladaDocument:
             if deformer is None:
                 raise MeshFault(f"has the controller {controller.get('id')!r} without <skin> or <morph>")
             bound = child_of(deformer, "bind_shape_matrix")
-            placement = placement if bound is None else placement @ _matrix(bound)
-            controller = self._target(deformer, "geometry", "controller", attribute="source")
+            placement = placement if bound is None else placement @ _read_matrix(bound)
+            controller = self._find_target(deformer, "geometry", "controller", attribute="source")
         return controller, placement
 
     def _positions(self, primitive: Element) -> tuple[np.ndarray | None, Callable[[Element], np.ndarray]]:
@@ -193,7 +193,7 @@ class _ColladaDocument:
         for one in inputs:
             source, offset = one, int(one.get("offset", "0"))
             if one.get("semantic") == "VERTEX":
-                vertices = self._target(one, "vertices", attribute="source")
+                vertices = self._find_target(one, "vertices", attribute="source")
                 source = next(
                     (some for some in children(vertices, "input") if some.get("semantic") == "POSITION"), None
                 )
@@ -207,7 +207,7 @@ class _ColladaDocument:
                         )
                     return indices[offset::stride]
 
-                return self._source(self._target(source, "source", attribute="source")), outline
+                return self._source(self._find_target(source, "source", attribute="source")), outline
         if any((p.text or "").strip() for p in primitive.iter("{*}p")):
             raise MeshFault(f"has <{local_name(primitive)}> without the positions of its vertices")
         return None, lambda _: np.empty(0, np.int64)
@@ -219,7 +219,7 @@ class _ColladaDocument:
         accessor = None if technique is None else child_of(technique, "accessor")
         array = child_of(source, "float_array")
         if accessor is not None and accessor.get("source"):
-            array = self._target(accessor, "float_array", attribute="source")
+            array = self._find_target(accessor, "float_array", attribute="source")
         if array is None:
             raise MeshFault(f"has the source {source.get('id')!r} without a <float_array>")
         values = floats((array.text or "").encode(), "positions")
@@ -236,7 +236,7 @@ class _ColladaDocument:
         self._sources[source] = points
         return points
 
-    def _target(self, element: Element, *tags: str, attribute: str = "url") -> Element:
+    def _find_target(self, element: Element, *tags: str, attribute: str = "url") -> Element:
         reference = element.get(attribute, "").strip()
         found = self._named.get(reference.removeprefix("#"))
         if not reference.startswith("#") or found is None or local_name(found) not in tags:
@@ -247,7 +247,7 @@ class _ColladaDocument:
 Outline = Callable[[Element], np.ndarray]
 
 
-def _triangles(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
+def _read_triangles(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
     corners = [outline(p) for p in children(primitive, "p")]
     joined = np.concatenate(corners) if corners else np.empty(0, np.int64)
     if len(joined) % 3:
@@ -255,7 +255,7 @@ def _triangles(primitive: Element, _vertices: np.ndarray, outline: Outline) -> n
     return joined.reshape(-1, 3)
 
 
-def _polylist(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.ndarray:
+def _read_polylist(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.ndarray:
     counts, p = child_of(primitive, "vcount"), child_of(primitive, "p")
     sizes = integers(b"" if counts is None else (counts.text or "").encode(), "counts")
     corners = np.empty(0, np.int64) if p is None else outline(p)
@@ -265,7 +265,7 @@ def _polylist(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.
     return triangulate(vertices, corners, sizes)
 
 
-def _polygons(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.ndarray:
+def _read_polygons(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.ndarray:
     found = [np.empty((0, 3), np.int64)]
     for child in primitive:
         if local_name(child) == "p":
@@ -282,7 +282,7 @@ def _polygons(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.
     return np.concatenate(found)
 
 
-def _fans(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
+def _read_fans(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
     found = [np.empty((0, 3), np.int64)]
     for p in children(primitive, "p"):
         fan = outline(p)
@@ -290,7 +290,7 @@ def _fans(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.nda
     return np.concatenate(found)
 
 
-def _strips(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
+def _read_strips(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
     found = [np.empty((0, 3), np.int64)]
     for p in children(primitive, "p"):
         found.append(triangulate_strip(outline(p)))
@@ -298,11 +298,11 @@ def _strips(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.n
 
 
 PRIMITIVES: dict[str, Callable[[Element, np.ndarray, Outline], np.ndarray]] = {
-    "triangles": _triangles,
-    "polylist": _polylist,
-    "polygons": _polygons,
-    "trifans": _fans,
-    "tristrips": _strips,
+    "triangles": _read_triangles,
+    "polylist": _read_polylist,
+    "polygons": _read_polygons,
+    "trifans": _read_fans,
+    "tristrips": _read_strips,
 }
 """Functions to triangles (t, 3) by kind of primitive; other kinds are left out."""
 
@@ -316,26 +316,26 @@ def _node_placement(node: Element) -> np.ndarray:
     return placement
 
 
-def _values(element: Element, count: int) -> np.ndarray:
+def _read_values(element: Element, count: int) -> np.ndarray:
     values = floats((element.text or "").encode(), f"<{local_name(element)}>")
     if len(values) != count or not np.isfinite(values).all():
         raise MeshFault(f"has a <{local_name(element)}> that is not {count} finite numbers")
     return values
 
 
-def _matrix(element: Element) -> np.ndarray:
-    return _values(element, 16).reshape(4, 4)
+def _read_matrix(element: Element) -> np.ndarray:
+    return _read_values(element, 16).reshape(4, 4)
 
 
-def _translate(element: Element) -> np.ndarray:
+def _read_translation(element: Element) -> np.ndarray:
     placement = np.eye(4)
-    placement[:3, 3] = _values(element, 3)
+    placement[:3, 3] = _read_values(element, 3)
     return placement
 
 
-def _rotate(element: Element) -> np.ndarray:
+def _read_rotation(element: Element) -> np.ndarray:
     """Return the rotation about an axis by an angle in degrees, by Rodrigues' formula, shape (4, 4)."""
-    *axis, degrees = _values(element, 4).tolist()
+    *axis, degrees = _read_values(element, 4).tolist()
     angle, placement, length = math.radians(degrees), np.eye(4), float(np.linalg.norm(axis))
     if length > 0.0:
         x, y, z = np.array(axis) / length
@@ -344,8 +344,8 @@ def _rotate(element: Element) -> np.ndarray:
     return placement
 
 
-def _look_at(element: Element) -> np.ndarray:
-    eye, target, up = _values(element, 9).reshape(3, 3)
+def _read_look_at(element: Element) -> np.ndarray:
+    eye, target, up = _read_values(element, 9).reshape(3, 3)
     back = (eye - target) / np.linalg.norm(eye - target)
     right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
     placement = np.eye(4)
@@ -353,9 +353,9 @@ def _look_at(element: Element) -> np.ndarray:
     return placement
 
 
-def _skew(element: Element) -> np.ndarray:
+def _read_skew(element: Element) -> np.ndarray:
     """Return RenderMan's skew, (4, 4): an angle, the axis that is turned, and the axis towards which it is turned."""
-    degrees, *axes = _values(element, 7).tolist()
+    degrees, *axes = _read_values(element, 7).tolist()
     turned, towards = np.array(axes).reshape(2, 3)
     towards = towards / np.linalg.norm(towards)
     along = float(turned @ towards)
@@ -368,12 +368,12 @@ def _skew(element: Element) -> np.ndarray:
 
 
 TRANSFORMS: dict[str, Callable[[Element], np.ndarray]] = {
-    "lookat": _look_at,
-    "matrix": _matrix,
-    "rotate": _rotate,
-    "scale": lambda element: np.diag([*_values(element, 3), 1.0]),
-    "skew": _skew,
-    "translate": _translate,
+    "lookat": _read_look_at,
+    "matrix": _read_matrix,
+    "rotate": _read_rotation,
+    "scale": lambda element: np.diag([*_read_values(element, 3), 1.0]),
+    "skew": _read_skew,
+    "translate": _read_translation,
 }
 """Functions to the affine map (4, 4) by kind of transformation."""
 
@@ -393,7 +393,7 @@ def read_three_mf(content: bytes) -> Objects:
         collected.visit(depth, found.get("name", ""))
         placement = above @ _item_placement(reference)
         if (mesh := child_of(found, "mesh")) is not None:
-            collected.add(_object_mesh(mesh), placement)
+            collected.add(_read_object_mesh(mesh), placement)
         components = child_of(found, "components")
         below = [] if components is None else children(components, "component")
         pending += [(part, component, placement, depth + 1) for component in reversed(below)]
@@ -454,7 +454,7 @@ class _Package:
             raise MeshFault(f"has a part {part!r} that is not XML: {error}") from None
 
 
-def _object_mesh(mesh: Element) -> Triangles:
+def _read_object_mesh(mesh: Element) -> Triangles:
     rows = [one for group in children(mesh, "vertices") for one in children(group, "vertex")]
     faces = [one for group in children(mesh, "triangles") for one in children(group, "triangle")]
     vertices = floats(_write_elements(rows, ("x", "y", "z")), "vertices").reshape(-1, 3)

@@ -218,7 +218,7 @@ def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndar
         return np.array([values[0], values[1], np.arctan2(values[3], values[2])])
     if joint.kind not in ROTATION:
         return np.array(values)
-    return np.array([*values[:-4].tolist(), *_turn(reference[-4:], values[-4:])])
+    return np.array([*values[:-4].tolist(), *_rotation_between(reference[-4:], values[-4:])])
 
 
 def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -268,14 +268,14 @@ def tangent_map(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarra
         vector = np.ascontiguousarray(z[at])
         matrix[at, at] = pin.Jexp3(vector)
         if joint.kind is JointKind.FLOATING:
-            matrix[:3, :3] = (_matrix(reference[-4:]) @ pin.exp3(vector)).T
+            matrix[:3, :3] = (_rotation_matrix(reference[-4:]) @ pin.exp3(vector)).T
     return matrix
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:
     """Draw a rotation evenly and return its vector (3,): of a normal quaternion, normalised (Muller 1959)."""
     quaternion = rng.normal(size=4)
-    vector: np.ndarray = pin.log3(_matrix(quaternion / np.linalg.norm(quaternion)))
+    vector: np.ndarray = pin.log3(_rotation_matrix(quaternion / np.linalg.norm(quaternion)))
     return vector
 
 
@@ -301,7 +301,7 @@ def turn_quaternion(begin: tuple[float, float, float, float], a: float, b: float
     return (i, j, k, r) if leading > 0.0 else (-i, -j, -k, -r)
 
 
-def _turn(begin_xyzw: np.ndarray, end_xyzw: np.ndarray) -> tuple[float, float, float]:
+def _rotation_between(begin_xyzw: np.ndarray, end_xyzw: np.ndarray) -> tuple[float, float, float]:
     """Return the rotation vector from one orientation to another, by at most half a turn; quaternions of shape (4,).
 
     From the quaternions themselves: towards half a turn Pinocchio's logarithm of a matrix is off by up to 6e-11.
@@ -314,6 +314,6 @@ def _turn(begin_xyzw: np.ndarray, end_xyzw: np.ndarray) -> tuple[float, float, f
     return over * i, over * j, over * k
 
 
-def _matrix(quaternion_xyzw: np.ndarray) -> np.ndarray:
+def _rotation_matrix(quaternion_xyzw: np.ndarray) -> np.ndarray:
     matrix: np.ndarray = pin.Quaternion(np.asarray(quaternion_xyzw, float)).normalized().matrix()
     return matrix

@@ -100,24 +100,24 @@ def resolve_groups(
     plannable = [joint.name for joint in joints if joint.is_driven]
     resolved = {}
     for name in described.groups:
-        members = _members(model, described, name, frozenset())
+        members = _find_members(model, described, name, frozenset())
         if ordered := tuple(joint for joint in plannable if joint in members):
             resolved[name] = ordered
         else:
             warnings.append(
-                f"the SRDF's group {name!r} is left out: {_reason(described.groups[name], members, joints)}"
+                f"the SRDF's group {name!r} is left out: {_reason_left_out(described.groups[name], members, joints)}"
             )
     return resolved
 
 
-def _reason(group: SrdfGroup, members: set[str], joints: Sequence[Joint]) -> str:
+def _reason_left_out(group: SrdfGroup, members: set[str], joints: Sequence[Joint]) -> str:
     kinds = {joint.name: "mimic" if joint.mimic is not None else "passive" for joint in joints}
     if moving := sorted(members & kinds.keys()):
         return f"its joints don't move by themselves ({', '.join(f'{name} is {kinds[name]}' for name in moving)})"
     return "it is empty" if group == SrdfGroup() else "no joint that moves is among what it names"
 
 
-def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -> set[str]:
+def _find_members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -> set[str]:
     """Joint names in a group; a group that contains itself adds nothing."""
     if name in visiting or name not in described.groups:
         return set()
@@ -129,7 +129,7 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
     for chain in group.chains:
         members |= {*joints_to(model, chain.tip)} - {*joints_to(model, chain.base)}
     for inner in group.groups:
-        members |= _members(model, described, inner, visiting | {name})
+        members |= _find_members(model, described, inner, visiting | {name})
     return members
 
 
@@ -158,13 +158,13 @@ def load(
     model = with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
     known_joints = [*facts.joints, ROOT_JOINT, *described.virtual]
     warnings += [*described.warnings, *srdf.find_unknown_names(described, facts.links, known_joints)]
-    warnings += _differing_root(described, source.root_joint)
+    warnings += _describe_differing_root(described, source.root_joint)
     if not geometry.ngeoms:
         warnings.append(f"robot {name!r} {NO_GEOMETRY}: it can be asked for forward and inverse kinematics alone")
     size = find_size(model, geometry, {name: mesh.vertices for name, (*_, mesh) in meshes.items()})
     choices = choose_shapes(model, geometry, meshes, facts.meshes, size, warnings)
     laws = mimic_laws(facts)
-    joints = tuple(_joint(model, index, facts, laws, card, warnings) for index in range(1, model.njoints))
+    joints = tuple(_make_joint(model, index, facts, laws, card, warnings) for index in range(1, model.njoints))
     _check_columns(name, joints)
     for driver, follower in find_unwrapped(facts).items():
         warnings.append(
@@ -173,7 +173,7 @@ def load(
         )
     joints = bind_ranges(joints, warnings)
     warnings += describe_bound_rates(joints)
-    joints = _with_passive(joints, described, warnings)
+    joints = _mark_passive(joints, described, warnings)
     groups = resolve_groups(model, described, joints, warnings)
     stated = rest.stated(model, joints, described, card, warnings)
     links = [choice.link for choice in choices]
@@ -199,7 +199,7 @@ def load(
     )
 
 
-def _differing_root(described: srdf.Srdf, root_joint: str) -> list[str]:
+def _describe_differing_root(described: srdf.Srdf, root_joint: str) -> list[str]:
     """Return a sentence for each virtual joint of an SRDF that means another root joint than the robot has."""
     return [
         f"the SRDF's virtual joint {name!r} is {kind}, but the robot's root is {root_joint}: `root_joint` may be"
@@ -209,7 +209,7 @@ def _differing_root(described: srdf.Srdf, root_joint: str) -> list[str]:
     ]
 
 
-def _with_passive(joints: Sequence[Joint], described: srdf.Srdf, warnings: list[str]) -> tuple[Joint, ...]:
+def _mark_passive(joints: Sequence[Joint], described: srdf.Srdf, warnings: list[str]) -> tuple[Joint, ...]:
     names = [ROOT_JOINT if name in described.virtual else name for name in described.passive]
     marked = [joint.name for joint in joints if joint.name in names and joint.mimic is None]
     if marked:
@@ -263,7 +263,7 @@ def _parse(name: str, source: RobotSource, facts: UrdfFacts, warnings: list[str]
     return model, geometry, meshes
 
 
-def _joint(
+def _make_joint(
     model: Any, index: int, facts: UrdfFacts, laws: Mapping[str, Mimic], card: RobotCard, warnings: list[str]
 ) -> Joint:
     pinocchio_joint = model.joints[index]
@@ -407,7 +407,7 @@ def _find_misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> lis
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     root = data.oMf[robot.frame_id(other.base_link)]
-    told, placed = [], _placements(other)
+    told, placed = [], _find_placements(other)
     for link in other.link_map:
         ours = root.actInv(data.oMf[robot.frame_id(link)]).homogeneous
         apart = float(np.abs(ours - placed[link]).max())
@@ -416,7 +416,7 @@ def _find_misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> lis
     return told
 
 
-def _placements(other: Any) -> dict[str, np.ndarray]:
+def _find_placements(other: Any) -> dict[str, np.ndarray]:
     """Return the placement of each link relative to the root, (4, 4), as yourdfpy has them, joint by joint.
 
     Asked for the root's, it optimises the order of the matrix product, in a time that grows with the cube of its

@@ -116,7 +116,7 @@ def bind_ranges(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ..
         if follower.mimic is None:
             continue
         driver = by_name[follower.mimic.driver]
-        lower, upper = _range(follower, follower.mimic)
+        lower, upper = _range_for_source(follower, follower.mimic)
         if not (np.isfinite(lower) or np.isfinite(upper)):
             continue
         lower = max(lower, float(driver.lower[0]), -LARGEST_VALUE) + 0.0
@@ -125,11 +125,11 @@ def bind_ranges(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ..
         stuck = upper - lower <= ROUNDING < driver.upper[0] - driver.lower[0]
         if stuck or lower > upper:
             warnings.append(f"{who} can't move with {follower.name!r} within its limits: they are not kept")
-            by_name[follower.name] = _limit(follower, -np.inf, np.inf)
+            by_name[follower.name] = _with_limits(follower, -np.inf, np.inf)
         elif (lower, upper) != (driver.lower[0], driver.upper[0]):
             if max(lower - driver.lower[0], driver.upper[0] - upper) > ROUNDING:
                 warnings.append(f"{who} only goes from {lower:g} to {upper:g}, so that its follower keeps its limits")
-            by_name[driver.name] = _limit(driver, lower, upper)
+            by_name[driver.name] = _with_limits(driver, lower, upper)
     return tuple(by_name[joint.name] for joint in joints)
 
 
@@ -175,14 +175,14 @@ def _read_only(limit: float) -> np.ndarray:
     return array
 
 
-def _range(follower: Joint, law: Mimic) -> tuple[float, float]:
+def _range_for_source(follower: Joint, law: Mimic) -> tuple[float, float]:
     if law.multiplier == 0.0 or follower.kind not in LIMITED:
         return -np.inf, np.inf
     ends = [(float(limit) - law.offset) / law.multiplier for limit in (follower.lower[0], follower.upper[0])]
     return min(ends), max(ends)
 
 
-def _limit(joint: Joint, lower: float, upper: float) -> Joint:
+def _with_limits(joint: Joint, lower: float, upper: float) -> Joint:
     limits = np.array([lower + 0.0]), np.array([upper + 0.0])  # no -0.0: NumPy draws nothing from [0, -0]
     for array in limits:
         array.setflags(write=False)
