@@ -106,14 +106,14 @@ def test_fixed_units_are_not_contradicted(tmp_path: Path, seed: int) -> None:
 
 def test_a_goal_that_something_comes_to_rest_in_is_rightly_refused(tmp_path: Path) -> None:
     """At time 0 it would be free: a refusal is false only if it is free once all rest."""
-    from doubting.doubted import doubted
+    from doubting.doubted import doubt_answer
 
     way = ObstacleTrajectory(
         times=[0.0, 1.0], placements=[Placement(position=at) for at in ((0.6, 0.0, 2.0), (0.6, 0.0, 0.5))]
     )
     scene = Scene(name="s", obstacles=[Sphere(name="lid", radius=0.1, trajectory=way)])
     goal = JointsGoal({"slide": 0.6})
-    came = doubted(
+    came = doubt_answer(
         loaded(tmp_path),
         PlanRequest(UrdfText(text=SLIDER), scene, goal=goal, start={"slide": 0.0}, guide_planes=[], recording="off"),
     )
@@ -126,16 +126,16 @@ def test_a_goal_that_something_comes_to_rest_in_is_rightly_refused(tmp_path: Pat
     [(certified, 0.9, "FALSE_CERTIFICATE"), (farther, 0.3, "FIGURE"), (refused, 0.3, "FALSE_REFUSAL")],
 )
 def test_planted_faults_are_found_and_shrunk(tmp_path: Path, change: Any, until: float, kind: str) -> None:
-    from doubting.case import shrunk
+    from doubting.case import shrink
     from doubting.compare import Kind
-    from doubting.doubted import doubted
+    from doubting.doubted import doubt_answer
 
     liar = loaded(tmp_path, Lying(change))
-    came = doubted(liar, slide(until))
+    came = doubt_answer(liar, slide(until))
     assert Kind[kind] in {one.kind for one in came.found}
-    small = shrunk(liar, slide(until), Kind[kind])
+    small = shrink(liar, slide(until), Kind[kind])
     assert [one.name for one in small.scene.obstacles] == ["near"]
-    assert Kind[kind] in {one.kind for one in doubted(liar, small).found}
+    assert Kind[kind] in {one.kind for one in doubt_answer(liar, small).found}
 
 
 @pytest.mark.parametrize("robot", ["chain_moving_3x260_r25", "chain_planar_3x260_r25", "ur5"])
@@ -165,15 +165,15 @@ def test_the_judges_curve_is_that_of_the_samples(tmp_path: Path, robot: str) -> 
         np.testing.assert_allclose(mine, rows, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("judge", ["refereed", "validated"])
+@pytest.mark.parametrize("judge", ["ask_referee", "ask_hpp"])
 @pytest.mark.parametrize(("change", "until"), [(certified, 0.9), (refused, 0.3), (lambda reply: reply, 0.9)])
 def test_the_referee_and_hpp_contradict_what_is_false_alone(tmp_path, judge, change, until):
     from doubting import hpp, refereed
 
-    if judge == "validated" and not hpp.installed():
+    if judge == "ask_hpp" and not hpp.is_installed():
         pytest.skip("HPP isn't installed; `tools/doubt --hpp` does it")
     reply = change(ENGINE.answer(slide(until)))
-    given = (slide(until), reply) if judge == "refereed" else (loaded(tmp_path), slide(until), reply)
+    given = (slide(until), reply) if judge == "ask_referee" else (loaded(tmp_path), slide(until), reply)
     outcome, found = getattr(refereed, judge)(*given)
     expected = (refereed.Outcome.DISAGREES, 1) if change in (certified, refused) else (refereed.Outcome.AGREES, 0)
     assert (outcome, len(found)) == expected
@@ -183,7 +183,7 @@ def test_hpp_finds_contacts_along_cubics_of_an_arm(tmp_path: Path) -> None:
     """Random motions of a Panda through a box: the verdicts are the certificate's, first contacts no earlier."""
     from doubting import hpp
 
-    if not hpp.installed():
+    if not hpp.is_installed():
         pytest.skip("HPP isn't installed; `tools/doubt --hpp` does it")
     known, rng = loaded(tmp_path, catalog="panda"), np.random.default_rng(2)
     names = [f"panda_joint{k}" for k in range(1, 8)]
@@ -198,7 +198,7 @@ def test_hpp_finds_contacts_along_cubics_of_an_arm(tmp_path: Path) -> None:
             asked.append(one)
             replies.append(reply.certificate)
     assert {reply.reason for reply in replies} == {"free", "contact"}, replies
-    for said, reply in zip(hpp.heard([hpp.case(one) for one in asked], 120.0), replies, strict=True):
+    for said, reply in zip(hpp.ask([hpp.case(one) for one in asked], 120.0), replies, strict=True):
         assert said.answer == reply.reason
         assert said.answer == "free" or said.at >= reply.free_until.time
 
@@ -235,9 +235,9 @@ def vector(points: np.ndarray) -> Any:
 
 
 def test_a_link_inside_of_another_is_refused_by_everybody(tmp_path: Path) -> None:
-    from doubting.doubted import doubted
+    from doubting.doubted import doubt_answer
     from doubting.loaded import Loaded
-    from doubting.refereed import Outcome, refereed
+    from doubting.refereed import Outcome, ask_referee
     from doubting.robots import FOLDER, Robot
 
     shell = closed_shell(0.5)
@@ -257,12 +257,12 @@ def test_a_link_inside_of_another_is_refused_by_everybody(tmp_path: Path) -> Non
             position_names=["lift", "slide"],
             recording="off",
         )
-        came = doubted(known, asked)
+        came = doubt_answer(known, asked)
         assert came.found == ()
         assert came.reply.certificate.reason == reason
-        assert refereed(asked, came.reply) == (Outcome.AGREES, [])
+        assert ask_referee(asked, came.reply) == (Outcome.AGREES, [])
     lie = certified(ENGINE.answer(replace(asked, path=[[0.0, 0.0], [0.0, 0.1]])))
-    outcome, found = refereed(replace(asked, path=[[0.0, 0.0], [0.0, 0.1]]), lie)
+    outcome, found = ask_referee(replace(asked, path=[[0.0, 0.0], [0.0, 0.1]]), lie)
     assert outcome is Outcome.DISAGREES
     assert "inside a closed mesh" in found[0].said
 

@@ -109,7 +109,7 @@ def test_its_rooms_import_no_others() -> None:
 
 
 def test_it_has_the_version_and_the_needs_of_the_whole(stage: ModuleType) -> None:
-    project: dict[str, Any] = tomllib.loads(stage.described())["project"]
+    project: dict[str, Any] = tomllib.loads(stage.describe())["project"]
     assert project["version"] == PROJECT["project"]["version"]
     assert project["name"] == "guidefield-client"
     assert {Requirement(line).name for line in project["dependencies"]} == set(CLIENT["needs"])

@@ -55,7 +55,7 @@ def test_links_that_are_doubted_are_judged_whole(seed: int, tmp_path: Path) -> N
     from doubting.formula import Formula
     from doubting.robots import FOLDER, Robot
 
-    suffix, content, scale = mesh_files.drawn(np.random.default_rng(seed))
+    suffix, content, scale = mesh_files.draw_mesh_file(np.random.default_rng(seed))
     link = f'<collision><geometry><mesh filename="{FOLDER}m{suffix}" scale="{scale}"/></geometry></collision>'
     joint = '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
     text = f'<robot name="r"><link name="a"/><link name="b">{link}</link>{joint}</robot>'

@@ -98,7 +98,7 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def test_the_tables_are_those_of_the_code(wire: ModuleType) -> None:
     assert set(re.findall(r"made from the code: ([a-z]+)", PAGE)) == set(wire.PARTS)
-    assert wire.filled(PAGE) == PAGE, "`tools/wire_page` makes them again"
+    assert wire.fill(PAGE) == PAGE, "`tools/wire_page` makes them again"
 
 
 def test_the_schemas_beside_the_page_are_those_of_the_code() -> None:

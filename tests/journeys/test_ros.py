@@ -214,11 +214,11 @@ def test_another_domain_and_another_hash_reach_nobody(peer: Peer):
 
 def test_whatever_is_sent_gets_exactly_one_answer(peer: Peer, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(str(TOOLS))
-    from attacks.ros_payloads import SERVICES, drawn
+    from attacks.ros_payloads import SERVICES, draw_payload
 
     rng, kinds = random.Random(5), set()
     for _ in range(150):
-        sent = drawn(rng)
+        sent = draw_payload(rng)
         service = SERVICES[sent.name].rpartition("/")[2]
         (reply,) = peer.replies(sent.name, service, sent.payload, sent.attachment or b"")
         try:

@@ -300,7 +300,7 @@ def test_wherever_the_planner_among_obstacles_at_rest_finds_a_motion_there_is_on
 
     loaded = timed.Loaded.of(timed.Robot(catalog="panda"), Path(), timed.Engine())
     drawn = timed.problem_of(loaded, seed, 600.0)
-    replies = [timed.measured(request)[0] for request in (drawn.resting, drawn.request)]
+    replies = [timed.time_answer(request)[0] for request in (drawn.resting, drawn.request)]
     assert [reply.status.name for reply in replies] == ["SUCCESS", "SUCCESS"]
     assert replies[1].certificate.collision_free
     assert not timed.touches(loaded, drawn, replies[1])

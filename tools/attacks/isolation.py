@@ -114,27 +114,27 @@ def ask(client: Client, tally: Tally, until: float, pause: float, *, lists: bool
 
 
 @contextlib.contextmanager
-def stopped(endpoint: str, count: int) -> Iterator[None]:
+def stopped_clients(endpoint: str, count: int) -> Iterator[None]:
     """Clients that asked and are stopped, for as long as the block runs."""
     with contextlib.ExitStack() as opened:
         for number in range(count):
-            opened.enter_context(asking(endpoint, f"stopped{number}")).send_signal(signal.SIGSTOP)
+            opened.enter_context(asking_client(endpoint, f"stopped{number}")).send_signal(signal.SIGSTOP)
         yield
 
 
 @contextlib.contextmanager
-def slow(endpoint: str, count: int) -> Iterator[None]:
+def slow_clients(endpoint: str, count: int) -> Iterator[None]:
     """Clients behind links of `RATE`, for as long as the block runs."""
     with contextlib.ExitStack() as opened:
         for number in range(count):
             link = Link(endpoint, RATE)
             opened.callback(link.close)
-            opened.enter_context(asking(link.endpoint, f"slow{number}"))
+            opened.enter_context(asking_client(link.endpoint, f"slow{number}"))
         yield
 
 
 @contextlib.contextmanager
-def asking(endpoint: str, user: str) -> Iterator[subprocess.Popen[bytes]]:
+def asking_client(endpoint: str, user: str) -> Iterator[subprocess.Popen[bytes]]:
     """A client that asked for large answers, for as long as the block runs."""
     command = [sys.executable, "-c", LARGE, endpoint, user, "2"]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
@@ -145,7 +145,7 @@ def asking(endpoint: str, user: str) -> Iterator[subprocess.Popen[bytes]]:
             process.kill()
 
 
-def measured(endpoint: str, seconds: float, *, beside: bool = False) -> Tally:
+def ask_as_healthy(endpoint: str, seconds: float, *, beside: bool = False) -> Tally:
     """Ask as the healthy user for a while, once nobody's work is under way unless it is to be beside that."""
     tally = Tally()
     with Client.connect(endpoint, user="healthy", wait=60.0) as client:
@@ -155,7 +155,7 @@ def measured(endpoint: str, seconds: float, *, beside: bool = False) -> Tally:
     return tally
 
 
-def crowded(endpoint: str, users: list[str], at_once: int, seconds: float) -> Tally:
+def ask_as_crowd(endpoint: str, users: list[str], at_once: int, seconds: float) -> Tally:
     """Ask as users who each wait for some plans at any time; return what they get together."""
     tally, until = Tally(), time.monotonic() + seconds
     with contextlib.ExitStack() as opened, ThreadPoolExecutor(max(1, at_once * len(users))) as threads:
@@ -167,7 +167,7 @@ def crowded(endpoint: str, users: list[str], at_once: int, seconds: float) -> Ta
 
 
 @contextlib.contextmanager
-def held(endpoint: str, users: list[str], workers: int) -> Iterator[None]:
+def hold_workers(endpoint: str, users: list[str], workers: int) -> Iterator[None]:
     """Users with long plans in the queue and on every worker, for as long as the block runs; they are gone then."""
     with contextlib.ExitStack() as opened, ThreadPoolExecutor(LONG_AT_ONCE * len(users)) as threads:
         clients = [opened.enter_context(Client.connect(endpoint, user=user, wait=60.0)) for user in users]
@@ -183,7 +183,7 @@ def held(endpoint: str, users: list[str], workers: int) -> Iterator[None]:
                     operator.cancel(f"{user}:{name}")
 
 
-def refused(endpoint: str) -> list[float]:
+def time_refusals(endpoint: str) -> list[float]:
     """Measure the times of answers to queries beyond a quota [s]."""
     times = []
     with Client.connect(endpoint, user="bounded", wait=60.0) as client:
@@ -196,7 +196,7 @@ def refused(endpoint: str) -> list[float]:
     return sorted(times)
 
 
-def told(what: str, tally: Tally, idle: Tally | None = None) -> None:
+def print_tally(what: str, tally: Tally, idle: Tally | None = None) -> None:
     """Print what a user got, and how that is beside what it gets of an idle service."""
     half = sorted(tally.seconds)[len(tally.seconds) // 2]
     beside = "" if idle is None else f", p99 {tally.p99() / idle.p99():.2f} times the idle one"
@@ -210,7 +210,7 @@ def told(what: str, tally: Tally, idle: Tally | None = None) -> None:
         print(f"  {failure}")
 
 
-def told_refused(what: str, times: list[float]) -> None:
+def print_refusals(what: str, times: list[float]) -> None:
     """Print how long refusals took."""
     median, p99 = times[len(times) // 2], times[int(0.99 * (len(times) - 1))]
     print(f"{what:34s} {len(times):5d} refusals, median {1e3 * median:6.2f} ms, p99 {1e3 * p99:7.2f} ms", flush=True)
@@ -236,29 +236,30 @@ def run(arguments: list[str]) -> int:
 def measure(endpoint: str, options: argparse.Namespace) -> int:
     """Measure a service; the exit code."""
     seconds, users = options.seconds, range(options.greedy)
-    measured(endpoint, min(3.0, seconds))  # warms up
-    idle = measured(endpoint, seconds)
-    told("healthy, alone", idle)
-    refusals = refused(endpoint)
-    told_refused("beyond a quota", refusals)
-    alone = crowded(endpoint, ["alone"], options.workers, seconds)
-    told("one user with all workers", alone)
-    with stopped(endpoint, options.stopped), slow(endpoint, options.slow):
-        beside = measured(endpoint, seconds)
-    told(f"healthy, {options.stopped} stopped and {options.slow} slow", beside, idle)
+    ask_as_healthy(endpoint, min(3.0, seconds))  # warms up
+    idle = ask_as_healthy(endpoint, seconds)
+    print_tally("healthy, alone", idle)
+    refusals = time_refusals(endpoint)
+    print_refusals("beyond a quota", refusals)
+    alone = ask_as_crowd(endpoint, ["alone"], options.workers, seconds)
+    print_tally("one user with all workers", alone)
+    with stopped_clients(endpoint, options.stopped), slow_clients(endpoint, options.slow):
+        beside = ask_as_healthy(endpoint, seconds)
+    print_tally(f"healthy, {options.stopped} stopped and {options.slow} slow", beside, idle)
     with ThreadPoolExecutor(1) as thread:
-        crowd = thread.submit(crowded, endpoint, [f"greedy{number}" for number in users], AT_ONCE, seconds)
-        loaded = measured(endpoint, seconds, beside=True)
+        crowd = thread.submit(ask_as_crowd, endpoint, [f"greedy{number}" for number in users], AT_ONCE, seconds)
+        loaded = ask_as_healthy(endpoint, seconds, beside=True)
         greedy = crowd.result()
-    told(f"healthy, {options.greedy} greedy users", loaded, idle)
-    told("greedy users", greedy)
+    print_tally(f"healthy, {options.greedy} greedy users", loaded, idle)
+    print_tally("greedy users", greedy)
     with ThreadPoolExecutor(1) as thread:
-        crowd = thread.submit(crowded, endpoint, [f"greedy{number}" for number in users], AT_ONCE, min(3.0, seconds))
-        told_refused("beyond a quota, beside them", refused(endpoint))
+        greedy_users = [f"greedy{number}" for number in users]
+        crowd = thread.submit(ask_as_crowd, endpoint, greedy_users, AT_ONCE, min(3.0, seconds))
+        print_refusals("beyond a quota, beside them", time_refusals(endpoint))
         crowd.result()
-    with held(endpoint, [f"long{number}" for number in users], options.workers):
-        held_up = measured(endpoint, seconds, beside=True)
-    told(f"healthy, {options.greedy} users with long plans", held_up, idle)
+    with hold_workers(endpoint, [f"long{number}" for number in users], options.workers):
+        held_up = ask_as_healthy(endpoint, seconds, beside=True)
+    print_tally(f"healthy, {options.greedy} users with long plans", held_up, idle)
     longest, waited = max([*greedy.plans, *loaded.plans], default=0.0), max(held_up.waited, default=0.0)
     share = (len(greedy.plans) + len(loaded.plans)) / max(1, len(alone.plans))
     excess = (loaded.p99() - longest) / idle.p99()

@@ -91,7 +91,7 @@ TAGS = ("link", "joint", "mesh", "box", "axis", "robot", "unknown", "Collision",
         "{http://ros.org/wiki/xacro}if", "{http://ros.org/wiki/xacro}grey")  # fmt: skip
 
 
-def mutated(rng: random.Random, request: object) -> bytes:
+def mutate(rng: random.Random, request: object) -> bytes:
     """A request with some of its values, of its URDF's elements, and of its bytes changed."""
     value, kind = copy.deepcopy(request), rng.choice(("urdf", "urdf", "numbers", "numbers", "values", "bytes", "all"))
     if kind in ("numbers", "all"):
@@ -243,7 +243,7 @@ def by_hypothesis(judge: Judge, examples: int, seconds: float, drawn: int | None
         if time.monotonic() > end:
             return
         key, request = asked
-        judge.ask(key, mutated(random.Random(seed), request))  # noqa: S311 - no secret
+        judge.ask(key, mutate(random.Random(seed), request))  # noqa: S311 - no secret
         total = judge.counts.total()
         if total % 5000 == 4999:
             print(f"{total} answered in {time.monotonic() - begun:.0f} s, {len(judge.found)} faults", flush=True)

@@ -19,7 +19,7 @@ from collections import Counter
 
 import zenoh
 
-from attacks.ros_payloads import SERVICES, TYPES, Sent, drawn
+from attacks.ros_payloads import SERVICES, TYPES, Sent, draw_payload
 from guidefield.cli.serving import service_in_child
 from guidefield.endpoint.ros.rmw_zenoh import Entity, Kind, Unreadable
 from guidefield.system import resident
@@ -101,7 +101,7 @@ def _fuzz(endpoint: str, pid: int, options: argparse.Namespace) -> int:
         for number in range(options.payloads):
             if time.monotonic() - begun > options.seconds:
                 break
-            waiting.put(drawn(rng))
+            waiting.put(draw_payload(rng))
             if number % 5000 == 4999:
                 print(f"{number + 1} sent in {time.monotonic() - begun:.0f} s, {len(judge.faults)} faults", flush=True)
         for _ in threads:

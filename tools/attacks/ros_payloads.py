@@ -42,7 +42,7 @@ class Sent:
     attachment: bytes | None
 
 
-def drawn(rng: random.Random) -> Sent:
+def draw_payload(rng: random.Random) -> Sent:
     """A request with some of its fields, or of its bytes, changed."""
     name = rng.choice(list(SERVICES))
     request, kind = _request(rng, name), f"{SERVICES[name]}_Request"

@@ -43,7 +43,7 @@ import psutil
 import zenoh
 from tests.journeys.links import Link
 
-from attacks.isolation import asking
+from attacks.isolation import asking_client
 from guidefield import Client, GuidefieldError, NoService, ServerBusy, WorkerCrashed, answer
 from guidefield.cli.demonstration import REQUESTS
 from guidefield.cli.serving import TRACE_SIGNAL, ChildService, service_in_child
@@ -280,7 +280,7 @@ def disturb(
     return memory
 
 
-def warmed_up(
+def warm_up_workers(
     session: zenoh.Session, service: ChildService, workers: int, kinds: list[Case], tally: Tally, patience: float
 ) -> set[int]:
     """Have each worker answer everything once, while the others stand still; the service's processes.
@@ -346,7 +346,7 @@ def stop_clients(endpoint: str, seconds: float, tally: Tally, over: threading.Ev
     begin = time.monotonic()
     while not over.is_set() and time.monotonic() - begin < 0.5 * seconds:
         user = USERS[tally.stopped % len(USERS)]
-        with asking(endpoint, user) as process:
+        with asking_client(endpoint, user) as process:
             process.send_signal(signal.SIGSTOP)
             tally.stopped += 1
             over.wait(0.05 * seconds)
@@ -493,7 +493,7 @@ def soak(
         if disk is not None:
             others.append(threads.submit(fill_at_times, disk, options.seconds, tally, over))
         kinds = list({(case.key, case.payload): case for case in order}.values())
-        warming = partial(warmed_up, session, service, options.workers, kinds, tally, options.patience)
+        warming = partial(warm_up_workers, session, service, options.workers, kinds, tally, options.patience)
         watch = (rng, over, warming if options.judge_memory else None)
         disturbance = threads.submit(disturb, service.process.pid, options.seconds, started_within, tally, *watch)
         try:

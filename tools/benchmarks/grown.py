@@ -108,7 +108,7 @@ def chain(links: int, draw: int) -> Made:
     return {"robot": robot, "scene": {"name": "far", "obstacles": far}, "goal": goal, "guide_planes": [], **PATIENT}
 
 
-def judged(rows: int, draw: int) -> Made:
+def judgement(rows: int, draw: int) -> Made:
     """A motion through so many rows, to and fro, judged among a hundred boxes."""
     ends = np.array([list(PANDA.values()), list(TURNED.values())])
     shares = 0.5 - 0.5 * np.cos(np.linspace(0.0, 0.5 * math.pi * rows, rows))

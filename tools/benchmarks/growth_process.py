@@ -36,7 +36,7 @@ Costs = tuple[float, float]
 """Processor time of the first time and of the next one [s]."""
 
 
-def answered(made: Callable[[int, int], Made], warmed: int = WARMED) -> Callable[[int], Costs]:
+def measure_answers(made: Callable[[int, int], Made], warmed: int = WARMED) -> Callable[[int], Costs]:
     """Return what measures answers: in a scene that was never seen, and again."""
 
     def measure(size: int) -> Costs:
@@ -134,19 +134,19 @@ def stream_cycles(count: int) -> Costs:
 
 
 SUBJECTS: dict[str, Callable[[], Callable[[int], Costs]]] = {
-    "boxes": lambda: answered(lambda size, draw: grown.plan(grown.boxes(size, draw))),
-    "polygons": lambda: answered(lambda size, draw: grown.plan(grown.polygons(size, draw))),
-    "triangles": lambda: answered(lambda size, draw: grown.plan(grown.terrain(size, draw))),
-    "points": lambda: answered(lambda size, draw: grown.plan(grown.cloud(size, draw))),
-    "movers": lambda: answered(lambda size, draw: grown.plan(grown.movers(size, draw))),
-    "crossed": lambda: answered(lambda size, draw: grown.plan(grown.crossed(size, draw))),
-    "configurations": lambda: answered(configurations),
-    "waypoints": lambda: answered(grown.judged),
-    "goals": lambda: answered(goals),
-    "steps": lambda: answered(grown.steps),
-    "links": lambda: answered(grown.chain, min(grown.CHAINS)),
-    "joints": lambda: answered(joints),
-    "held": lambda: answered(held),
+    "boxes": lambda: measure_answers(lambda size, draw: grown.plan(grown.boxes(size, draw))),
+    "polygons": lambda: measure_answers(lambda size, draw: grown.plan(grown.polygons(size, draw))),
+    "triangles": lambda: measure_answers(lambda size, draw: grown.plan(grown.terrain(size, draw))),
+    "points": lambda: measure_answers(lambda size, draw: grown.plan(grown.cloud(size, draw))),
+    "movers": lambda: measure_answers(lambda size, draw: grown.plan(grown.movers(size, draw))),
+    "crossed": lambda: measure_answers(lambda size, draw: grown.plan(grown.crossed(size, draw))),
+    "configurations": lambda: measure_answers(configurations),
+    "waypoints": lambda: measure_answers(grown.judgement),
+    "goals": lambda: measure_answers(goals),
+    "steps": lambda: measure_answers(grown.steps),
+    "links": lambda: measure_answers(grown.chain, min(grown.CHAINS)),
+    "joints": lambda: measure_answers(joints),
+    "held": lambda: measure_answers(held),
     "results": lambda: batch_results,
     "cycles": lambda: stream_cycles,
 }

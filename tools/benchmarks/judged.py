@@ -50,7 +50,7 @@ def run(arguments: list[str]) -> None:
         model = given.group.robot
         subject = subject_of(model, model.source.urdf_text, exact=True)
         loaded = Loaded(Robot(), given.reference, model, subject, model.source.urdf_text, Engine())
-        for name, solve in {"straight": _straight, **peers.installed()}.items():
+        for name, solve in {"straight": _straight, **peers.list_installed()}.items():
             rows = [_row(given, loaded, problem, solve, options.seconds) for problem in given.problems]
             _print(f"{robot}, {name}", [row for row in rows if row is not None], len(rows))
 

@@ -60,7 +60,7 @@ def measure(names: Sequence[str], requests: int, every: int, settled: int) -> fl
     print(f"{'requests':>10} {'MB':>8} {'seconds':>8}  {', '.join(robots)}", flush=True)
     began = time.process_time()
     for index in range(1, requests + 1):
-        request = varied(np.random.default_rng(index), known)
+        request = vary(np.random.default_rng(index), known)
         try:
             status = getattr(engine.answer(request), "status", None)
             ended["answered" if status is None else status.name] += 1
@@ -82,7 +82,7 @@ def _is_there(engine: Engine, name: str) -> bool:
     return True
 
 
-def varied(rng: np.random.Generator, robots: dict[str, Any]) -> Made:
+def vary(rng: np.random.Generator, robots: dict[str, Any]) -> Made:
     """A request that differs from all others in robot, scene, allowed pairs and question."""
     kind = rng.integers(4)
     scene = _scene(rng, may_move=bool(kind > 0))

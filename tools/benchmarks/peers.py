@@ -86,7 +86,7 @@ class _Clock:
         return 1e6 * (self._last - before)
 
 
-def installed() -> dict[str, Callable[[Task], Answer]]:
+def list_installed() -> dict[str, Callable[[Task], Answer]]:
     """The planners that are installed, by name."""
     return {name: solve for name, solve in SOLVERS.items() if importlib.util.find_spec(name) is not None}
 

@@ -124,7 +124,7 @@ def run(arguments: list[str]) -> None:
         if options.worst:
             _print_worst(rows, options.worst)
         _print_vamp(given, vamp)
-        for name, solve in peers.installed().items() if options.peers else ():
+        for name, solve in peers.list_installed().items() if options.peers else ():
             _print(name, [_peers_row(given, problem, vamp, name, solve) for problem in given.problems])
 
 
@@ -182,7 +182,7 @@ def _row(given: Problems, declared: dict[str, Any], vamp: VampRows, options: arg
             break
     row = Row(declared["set"], declared["index"], made.status.name, times=times, warnings=made.warnings)
     if made.trajectory is not None and made.status is Status.SUCCESS:
-        row.judged = judged(asked.world, Curve(made.trajectory.bezier(), made.trajectory.piece_times()))
+        row.judged = judge_motion(asked.world, Curve(made.trajectory.bezier(), made.trajectory.piece_times()))
         row.relative_length = _relative(row, vamp)
         row.smoothness = measure_figures(made.trajectory, asked.kinematics).smoothness
         row.duration = made.trajectory.duration
@@ -198,12 +198,12 @@ def _peers_row(
     row.times = {"load": 1e-3 * answer.scene, "connect": 1e-3 * answer.plan, "relax": 1e-3 * answer.simplify}
     row.times["whole"] = row.times["connect"] + row.times["relax"]
     if answer.path is not None:
-        row.judged = judged(task.world, Curve(polyline(answer.path), np.arange(max(2.0, len(answer.path)))))
+        row.judged = judge_motion(task.world, Curve(polyline(answer.path), np.arange(max(2.0, len(answer.path)))))
         row.relative_length = _relative(row, vamp)
     return row
 
 
-def judged(world: World, curve: Curve) -> Judged:
+def judge_motion(world: World, curve: Curve) -> Judged:
     """A motion on the exact geometry: distances by branch and bound, hits `JUDGED_STEP` apart."""
     fine = np.unique(np.linspace(curve.times[:-1], curve.times[1:], FINER))
     points = curve.at(fine)

@@ -62,13 +62,13 @@ def run(arguments: list[str]) -> None:
     )
     chosen = range(asked.first, asked.first + asked.runs * asked.every, asked.every)
     if asked.what == "panda":
-        told("panda hunted" if asked.hunters else "panda", chosen, partial(panda_run, hunters=asked.hunters))
+        print_row("panda hunted" if asked.hunters else "panda", chosen, partial(panda_run, hunters=asked.hunters))
         return
     for arm in asked.arms.split(","):
-        told(f"{arm} DoF", chosen, partial(public_run, Path(asked.what), int(arm)))
+        print_row(f"{arm} DoF", chosen, partial(public_run, Path(asked.what), int(arm)))
 
 
-def told(name: str, chosen: range, made: Callable[[int], tuple[Outcome, Outcome]]) -> None:
+def print_row(name: str, chosen: range, made: Callable[[int], tuple[Outcome, Outcome]]) -> None:
     """Do some runs, each with the one without obstacles, and print a row about them."""
     runs = [made(index) for index in chosen]
     good = [(one, free) for one, free in runs if one.success]

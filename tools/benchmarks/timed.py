@@ -27,7 +27,7 @@ import guidefield
 from doubting.compare import judge_of, names_of, planned_curve
 from doubting.loaded import Loaded
 from doubting.robots import Robot
-from doubting.scenery import turned
+from doubting.scenery import random_rotation
 from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.engine import Engine
@@ -85,8 +85,8 @@ def run(arguments: list[str]) -> None:
         for seed in range(asked.first, asked.first + asked.runs):
             drawn = problem_of(loaded, seed, asked.time, jerk=asked.jerk, met=asked.met)
             guidefield.answer(drawn.resting)  # what is loaded once is not measured
-            reply, seconds = measured(drawn.request)
-            at_rest, still_seconds = measured(drawn.resting)
+            reply, seconds = time_answer(drawn.request)
+            at_rest, still_seconds = time_answer(drawn.resting)
             good, possible = reply.status.name == "SUCCESS", at_rest.status.name == "SUCCESS"
             still, solved, others = still + possible, solved + (good and possible), others + (good and not possible)
             spent.append(1e3 * seconds)
@@ -110,7 +110,7 @@ def run(arguments: list[str]) -> None:
         )
 
 
-def measured(request: PlanRequest) -> tuple[Any, float]:
+def time_answer(request: PlanRequest) -> tuple[Any, float]:
     """A request's answer, and the processor time it took [s]."""
     begin = time.process_time()
     reply = guidefield.answer(request)
@@ -132,7 +132,7 @@ def problem_of(loaded: Loaded, seed: int, seconds: float, *, jerk: bool = False,
         last = scene.at(scene.end)
         world, first = World.build(group, last), World.build(group, scene.at(0.0))
         ends_free = not any(contacts_at(one, group.expand(start)) for one in (world, first))
-        if not ends_free or touched(loaded, obstacles) != met:
+        if not ends_free or is_passed(loaded, obstacles) != met:
             continue
         goal = next(
             (z for z in (group.random(rng) for _ in range(50)) if not contacts_at(world, group.expand_from_chart(z))),
@@ -159,7 +159,7 @@ def moving(rng: np.random.Generator, name: str) -> messages.Obstacle:
     while np.diff(times).min() < SLOWEST:
         times = np.sort(rng.uniform(0.0, LATEST, count))
     places = rng.uniform([-0.9, -0.9, 0.0], [0.9, 0.9, 1.1], (count, 3))
-    placements = [Placement(position=tuple(place.tolist()), quaternion_xyzw=turned(rng)) for place in places]
+    placements = [Placement(position=tuple(place.tolist()), quaternion_xyzw=random_rotation(rng)) for place in places]
     return body(rng, name, places[0], messages.ObstacleTrajectory(times=times.tolist(), placements=placements))
 
 
@@ -169,10 +169,10 @@ def body(
     """A body of a random kind at a place (3,)."""
     size, place = rng.uniform(0.08, 0.35, 3), {"name": name, "position": tuple(at.tolist()), "trajectory": trajectory}
     kinds = [
-        lambda: messages.Box(size=tuple(size.tolist()), quaternion_xyzw=turned(rng), **place),
+        lambda: messages.Box(size=tuple(size.tolist()), quaternion_xyzw=random_rotation(rng), **place),
         lambda: messages.Sphere(radius=0.5 * size[0], **place),
-        lambda: messages.Capsule(radius=0.3 * size[0], length=size[1], quaternion_xyzw=turned(rng), **place),
-        lambda: messages.Cylinder(radius=0.4 * size[0], length=size[1], quaternion_xyzw=turned(rng), **place),
+        lambda: messages.Capsule(radius=0.3 * size[0], length=size[1], quaternion_xyzw=random_rotation(rng), **place),
+        lambda: messages.Cylinder(radius=0.4 * size[0], length=size[1], quaternion_xyzw=random_rotation(rng), **place),
     ]
     return kinds[int(rng.integers(len(kinds)))]()
 
@@ -183,7 +183,7 @@ def touches(loaded: Loaded, drawn: Drawn, reply: PlanReply) -> bool:
     return judge_of(loaded, drawn.request, names_of(reply.position_names)).along_all(curve).obstacle.distance <= 0.0
 
 
-def touched(loaded: Loaded, obstacles: list[messages.Obstacle]) -> bool:
+def is_passed(loaded: Loaded, obstacles: list[messages.Obstacle]) -> bool:
     """Return whether any obstacle touches a robot at rest, or comes within 30 mm of it, as it passes."""
     times = np.arange(0.0, LATEST + SAMPLES, SAMPLES)
     judge = loaded.judge(frozenset(joint.name for joint in loaded.movable), obstacles=obstacles)

@@ -109,7 +109,7 @@ def _solid(rng: Rng, a: float, b: float, c: float) -> tuple[np.ndarray, np.ndarr
     return outward(points, ConvexHull(points).simplices)
 
 
-def asked(rng: Rng, loaded: Loaded) -> Aligned | None:
+def draw_motion(rng: Rng, loaded: Loaded) -> Aligned | None:
     """A motion of the arm beside another body; None where the gap couldn't be had."""
     start = _standing(rng)
     attached = [_held(rng)] if rng.random() < 0.35 else []
@@ -121,7 +121,7 @@ def asked(rng: Rng, loaded: Loaded) -> Aligned | None:
     one = _beside(rng, kind, frame, side)
     for _ in range(TRIES):
         among = loaded.judge(frozenset(start), obstacles=[one], attached=attached)
-        margin, away, pair = scenery.closest(among, as_values(start))
+        margin, away, pair = scenery.find_closest(among, as_values(start))
         if pair < 0 or not np.isfinite(margin) or not np.isfinite(away).all():
             return None
         if abs(margin - gap) < 1e-9:
@@ -129,7 +129,7 @@ def asked(rng: Rng, loaded: Loaded) -> Aligned | None:
         if margin <= 0.0 and not away.any():
             return None
         length = float(np.linalg.norm(away))
-        one = scenery.shifted(one, _snapped(away / max(length, 1e-9), frame.rotation) * (margin - gap))
+        one = scenery.shift(one, _snapped(away / max(length, 1e-9), frame.rotation) * (margin - gap))
     request = _motion(rng, loaded, start, one, attached)
     return Aligned(f"{kind}{' held' if attached else ''}", request)
 

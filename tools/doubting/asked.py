@@ -68,7 +68,7 @@ class Asked:
     planned: frozenset[str]
 
 
-def asked(rng: np.random.Generator, loaded: Loaded, seed: int) -> Asked | None:
+def draw_plan(rng: np.random.Generator, loaded: Loaded, seed: int) -> Asked | None:
     """A plan for a robot; None where no free ends were found."""
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     planned = [joint for joint in loaded.movable if rng.random() > 0.05] or loaded.movable
@@ -90,7 +90,7 @@ def asked(rng: np.random.Generator, loaded: Loaded, seed: int) -> Asked | None:
     values = [as_values(wire) for wire in wires]
     count = int(rng.integers(0, 8))
     middle = as_values(between(rng, loaded, wires[0], wires[1]))
-    obstacles = scenery.strewn(rng, loaded, names, values, middle, count, **setting)
+    obstacles = scenery.strew(rng, loaded, names, values, middle, count, **setting)
     more = _more(rng, kind, loaded, planned, wires, setting)
     if kind == "moving":
         obstacles += _flying(rng, loaded, names, values, setting)
@@ -123,7 +123,7 @@ def asked(rng: np.random.Generator, loaded: Loaded, seed: int) -> Asked | None:
 def value(rng: np.random.Generator, joint: Joint) -> Any:
     """A value of a joint within its limits, or at one, as the wire has it."""
     roam = ROAM * rng.uniform(-1.0, 1.0, 3)
-    turn = list(scenery.turned(rng))
+    turn = list(scenery.random_rotation(rng))
     match joint.kind:
         case JointKind.PLANAR:
             return [*roam[:2].tolist(), float(rng.uniform(-3.0, 3.0))]
@@ -175,7 +175,7 @@ def _suffixes(joint: Joint) -> list[str]:
 
 def _held(rng: np.random.Generator, loaded: Loaded, names: frozenset[str], wires: list[Wire]) -> list[AttachedObject]:
     """One object that a link holds and that touches no other at the ends, or those that it may touch."""
-    one = scenery.held(rng, str(rng.choice(loaded.subject.links)))
+    one = scenery.draw_held(rng, str(rng.choice(loaded.subject.links)))
     judge = loaded.judge(names, attached=[one])
     touching: set[str] = set()
     for wire in wires:
@@ -286,11 +286,11 @@ def _flying(
         one = scenery.obstacle(rng, kind, f"f{index}", np.zeros(3), float(rng.uniform(0.05, 0.25)))
         by, apart = (float(rng.uniform(0.1, 2.0)), float(rng.uniform(0.0, 4.0))) if crowd else (0.5, 0.0)
         if isinstance(one, messages.HalfSpace):
-            one = scenery.swaying(rng, one, centres, 2.5)
+            one = scenery.make_sway(rng, one, centres, 2.5)
         else:
             at = centres[rng.integers(len(centres))]
-            one = scenery.flying(rng, one, at + apart * rng.normal(size=3) if crowd else at, by, 2.5)
-        if scenery.closest(loaded.judge(names, obstacles=[one], **setting), values[0])[0] > 1e-3:
+            one = scenery.make_fly(rng, one, at + apart * rng.normal(size=3) if crowd else at, by, 2.5)
+        if scenery.find_closest(loaded.judge(names, obstacles=[one], **setting), values[0])[0] > 1e-3:
             found.append(one)
     return found
 
@@ -307,9 +307,9 @@ def _touching(
     kind = str(rng.choice(["box", "sphere", "cylinder", "capsule"]))
     at = centres[rng.integers(len(centres))] + 0.3 * rng.normal(size=3)
     one = scenery.obstacle(rng, kind, "lid", at, float(rng.uniform(0.05, 0.3)))
-    margin, away, pair = scenery.closest(
+    margin, away, pair = scenery.find_closest(
         loaded.judge(names, obstacles=[one], **{**setting, "min_clearance": 0.0}), values[0]
     )
     if pair < 0 or margin <= 0.0:
         return []
-    return [scenery.shifted(one, away * (margin + float(rng.uniform(1e-4, 8e-3))))]
+    return [scenery.shift(one, away * (margin + float(rng.uniform(1e-4, 8e-3))))]

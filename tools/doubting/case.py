@@ -12,9 +12,9 @@ from typing import Any
 import msgspec
 
 from doubting.compare import Disagreement, Kind
-from doubting.doubted import doubted
+from doubting.doubted import doubt_answer
 from doubting.loaded import Loaded
-from doubting.refereed import refereed, validated
+from doubting.refereed import ask_hpp, ask_referee
 from doubting.robots import Robot
 from guidefield.engine import Engine
 from guidefield.messages.replies import CertifyReply
@@ -68,7 +68,7 @@ MOST = 150
 replaced = msgspec.structs.replace
 
 
-def shrunk(loaded: Loaded, request: Request, kind: Kind) -> Request:
+def shrink(loaded: Loaded, request: Request, kind: Kind) -> Request:
     """The smallest request that was found whose answer is contradicted in the same way."""
     tries, smaller = 0, True
     while smaller and tries < MOST:
@@ -77,18 +77,18 @@ def shrunk(loaded: Loaded, request: Request, kind: Kind) -> Request:
             tries += 1
             if tries > MOST:
                 break
-            if any(one.kind is kind for one in contradicted(loaded, candidate)):
+            if any(one.kind is kind for one in find_contradictions(loaded, candidate)):
                 request, smaller = candidate, True
                 break
     return request
 
 
-def contradicted(loaded: Loaded, request: Request) -> tuple[Disagreement, ...]:
+def find_contradictions(loaded: Loaded, request: Request) -> tuple[Disagreement, ...]:
     """Find what contradicts the answer to a request: samples, and the referee or HPP where these say nothing."""
-    came = doubted(loaded, request)
+    came = doubt_answer(loaded, request)
     if came.found or not isinstance(came.reply, CertifyReply) or not isinstance(request, CertifyRequest):
         return came.found
-    return tuple(refereed(request, came.reply)[1] or validated(loaded, request, came.reply)[1])
+    return tuple(ask_referee(request, came.reply)[1] or ask_hpp(loaded, request, came.reply)[1])
 
 
 def _smaller(request: Request) -> Iterator[Request]:
@@ -138,7 +138,7 @@ def _parts(count: int) -> Iterator[list[int]]:
     yield from ([k for k in range(count) if k != out] for out in range(count)) if count > 2 else ()
 
 
-def repeated(file: Path) -> int:
+def repeat(file: Path) -> int:
     """Repeat a case, and tell of it: 0, or 1 if its answer is contradicted."""
     with tempfile.TemporaryDirectory() as folder:
         case = Case.read(file, Path(folder))
@@ -146,7 +146,7 @@ def repeated(file: Path) -> int:
         for said in case.said:
             print(f"  said then: {said}")
         loaded = Loaded.of(case.robot, Path(folder), Engine())
-        came, found = doubted(loaded, case.request), contradicted(loaded, case.request)
+        came, found = doubt_answer(loaded, case.request), find_contradictions(loaded, case.request)
     if came.reply is not None:
         print(f"  {came.reply.status.name}: {came.reply.status.message}")
     if came.sampled is not None:

@@ -54,7 +54,7 @@ class Doubted:
         return self.reply.status.name in ("TIMED_OUT", "PREEMPTED") or unmeasured(self.reply.warnings)
 
 
-def doubted(loaded: Loaded, request: PlanRequest | CertifyRequest) -> Doubted:
+def doubt_answer(loaded: Loaded, request: PlanRequest | CertifyRequest) -> Doubted:
     """Answer a request, and hold the reply against samples."""
     try:
         reply = loaded.engine.answer(request)

@@ -44,14 +44,14 @@ class Heard:
     reason: str = ""
 
 
-def installed() -> bool:
+def is_installed() -> bool:
     """Return whether its environment is there."""
     return _libraries() is not None
 
 
 def install() -> str:
     """Make its environment, 1.2 GB; why that isn't possible, in a sentence, or nothing."""
-    if installed():
+    if is_installed():
         return ""
     steps = [sys.executable, "-m", "venv", "--clear", VENV], [VENV / "bin" / "pip", "install", "--quiet", WANTED]
     for step in steps:
@@ -61,7 +61,7 @@ def install() -> str:
             return f"{WANTED} can't be installed: {error}"
         if done.returncode:
             return f"{WANTED} can't be installed: {(done.stderr.strip().splitlines() or ['no reason is told'])[-1]}"
-    return "" if installed() else f"{WANTED} has no libraries where they are expected"
+    return "" if is_installed() else f"{WANTED} has no libraries where they are expected"
 
 
 def case(request: CertifyRequest) -> dict[str, Any]:
@@ -69,7 +69,7 @@ def case(request: CertifyRequest) -> dict[str, Any]:
     return json.loads(json.dumps(case_file.make_cases(*motions_of(request))))[0]
 
 
-def heard(cases: list[dict[str, Any]], seconds: float) -> list[Heard]:
+def ask(cases: list[dict[str, Any]], seconds: float) -> list[Heard]:
     """Ask about cases as a referee's file has them.
 
     Args:

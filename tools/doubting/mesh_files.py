@@ -23,7 +23,7 @@ MIRRORED = 0.2
 """This share of parts and of scales are mirrored."""
 
 
-def drawn(rng: np.random.Generator) -> tuple[str, bytes, str]:
+def draw_mesh_file(rng: np.random.Generator) -> tuple[str, bytes, str]:
     """A mesh file of several boxes.
 
     Returns:

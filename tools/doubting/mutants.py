@@ -86,7 +86,7 @@ def base_of(loaded: Loaded, request: PlanRequest, reply: PlanReply, sampled: Sam
 Mutation = Callable[[np.random.Generator, Base], CertifyRequest | None]
 
 
-def drawn(rng: np.random.Generator, base: Base, count: int) -> Iterator[tuple[str, CertifyRequest]]:
+def draw_mutants(rng: np.random.Generator, base: Base, count: int) -> Iterator[tuple[str, CertifyRequest]]:
     """So many changed motions, by how they were changed; the first is as it was."""
     yield "same", base.request
     made = 1
@@ -97,14 +97,14 @@ def drawn(rng: np.random.Generator, base: Base, count: int) -> Iterator[tuple[st
         one = MUTATIONS[name](rng, base)
         if one is not None and rng.random() < 0.2:  # a second change on top
             again = str(rng.choice(list(MUTATIONS), p=SHARES))
-            other = MUTATIONS[again](rng, replaced_base(base, one)) if again in LIGHT else None
+            other = MUTATIONS[again](rng, with_request(base, one)) if again in LIGHT else None
             one, name = (other, f"{name}+{again}") if other is not None else (one, name)
         if one is not None:
             made += 1
             yield name, one
 
 
-def replaced_base(base: Base, request: CertifyRequest) -> Base:
+def with_request(base: Base, request: CertifyRequest) -> Base:
     """The same with another request; what was sampled is that of the first."""
     return Base(base.loaded, request, asked_curve(base.loaded, request), base.judge, base.sampled)
 
@@ -244,7 +244,7 @@ def pushed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     by = away * (distance - base.request.min_clearance + small(rng, -6.0, -3.0))
     if not np.isfinite(by).all() or np.linalg.norm(by) > 2.0:
         return None
-    return _with_obstacle(base, mine[0], scenery.shifted(base.obstacles[mine[0]], by))
+    return _with_obstacle(base, mine[0], scenery.shift(base.obstacles[mine[0]], by))
 
 
 def jogged(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
@@ -255,7 +255,7 @@ def jogged(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     index = resting[rng.integers(len(resting))]
     by = rng.normal(size=3)
     by *= abs(small(rng, -6.0, -1.0)) / np.linalg.norm(by)
-    return _with_obstacle(base, index, scenery.shifted(base.obstacles[index], by))
+    return _with_obstacle(base, index, scenery.shift(base.obstacles[index], by))
 
 
 def added(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
@@ -275,10 +275,10 @@ def added(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
         "still": as_values(base.request.start),
     }
     planned = names_of(base.request.position_names or [])
-    margin, away, pair = scenery.closest(base.loaded.judge(planned, obstacles=[one], **setting), values)
+    margin, away, pair = scenery.find_closest(base.loaded.judge(planned, obstacles=[one], **setting), values)
     if pair < 0 or not 0.0 < margin < 3.0:
         return None
-    one = scenery.shifted(one, away * (margin + small(rng, -6.0, -2.0)))
+    one = scenery.shift(one, away * (margin + small(rng, -6.0, -2.0)))
     obstacles = [*base.obstacles, one]
     return replaced(base.request, scene=replaced(base.request.scene, obstacles=obstacles))
 
@@ -348,7 +348,7 @@ def holding(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
         at = np.array(one.placement.position) + abs(small(rng, -6.0, -1.5)) * rng.normal(size=3)
         moved = replaced(one, placement=replaced(one.placement, position=tuple(at.tolist())))
         return replaced(base.request, attached_objects=[moved])
-    one = scenery.held(rng, str(rng.choice(base.loaded.subject.links)))
+    one = scenery.draw_held(rng, str(rng.choice(base.loaded.subject.links)))
     return replaced(base.request, attached_objects=[one])
 
 

@@ -48,7 +48,7 @@ SAID_BY_HPP = {
 """The outcome of each of HPP's answers that nothing contradicts."""
 
 
-def refereed(request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
+def ask_referee(request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
     """Ask the referee about a motion that the certificate has judged."""
     verdict = reply.certificate
     refused = not verdict.collision_free
@@ -71,13 +71,13 @@ def refereed(request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, lis
     return Outcome.DISAGREES, [Disagreement(Kind.FALSE_CERTIFICATE, said)]
 
 
-def validated(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
+def ask_hpp(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
     """Ask HPP the same; that it finds no contact counts for primitive links against primitive obstacles."""
     verdict = reply.certificate
     free = verdict.collision_free
-    if not hpp.installed() or " after " in verdict.covers or not (free or verdict.reason == "contact"):
+    if not hpp.is_installed() or " after " in verdict.covers or not (free or verdict.reason == "contact"):
         return Outcome.NOT_ASKED, []
-    (heard,) = hpp.heard([hpp.case(request)], HPP_SECONDS)
+    (heard,) = hpp.ask([hpp.case(request)], HPP_SECONDS)
     until = verdict.free_until.row if verdict.free_until.time is None else verdict.free_until.time
     if heard.answer == "contact" and (free or heard.at < until - BEYOND):
         said = f"free until {until:.9g}, but HPP finds {heard.pair} in contact at {heard.at:.9g}"

@@ -82,7 +82,7 @@ class Robot:
         return cls(plain["catalog"], plain["text"], meshes, plain["root_joint"])
 
 
-def drawn(rng: np.random.Generator) -> Robot:
+def draw_robot(rng: np.random.Generator) -> Robot:
     """A robot: of eight one of the catalog, the others at random; of these every other one has meshes."""
     if rng.random() < 0.125:
         return Robot(catalog=CATALOG[rng.integers(len(CATALOG))])
@@ -112,7 +112,7 @@ def _renamed(text: str, rng: np.random.Generator, root: RootJoint) -> str:
     return re.sub(rf'((?:<joint name|mimic joint)=)"{old}"', rf'\1"{new}"', text)
 
 
-def geared(rng: np.random.Generator, robot: Robot) -> Robot | None:
+def change_gear(rng: np.random.Generator, robot: Robot) -> Robot | None:
     """The same robot, the multiplier of one of its followers changed a little; None without one."""
     found = list(re.finditer(r'multiplier="([^"]+)"', robot.text))
     if not found:
@@ -140,7 +140,7 @@ def _with_meshes(text: str, rng: np.random.Generator, meshes: dict[str, bytes]) 
         if rng.random() < 0.5:
             return found.group()
         if rng.random() < 0.4:
-            suffix, content, scale = mesh_files.drawn(rng)
+            suffix, content, scale = mesh_files.draw_mesh_file(rng)
             name = f"{len(meshes)}{suffix}"
             meshes[name] = content
             return f'<geometry><mesh filename="{FOLDER}{name}" scale="{scale}"/></geometry>'

@@ -62,7 +62,7 @@ def run(
                 tally.append(folder, one)
                 planned += one.counts.get("plans", 0)
                 _tell(one, planned)
-    print(tally.told(folder))
+    print(tally.format_totals(folder))
     return int(any(one.found for one in tally.units(folder)))
 
 

@@ -28,7 +28,7 @@ TRIES = 3
 """Number of times that an obstacle which is too close is pushed away."""
 
 
-def turned(rng: np.random.Generator) -> tuple[float, ...]:
+def random_rotation(rng: np.random.Generator) -> tuple[float, ...]:
     q = rng.normal(size=4)
     return tuple((q / np.linalg.norm(q)).tolist())
 
@@ -37,12 +37,12 @@ def obstacle(rng: np.random.Generator, kind: str, name: str, at: np.ndarray, siz
     """One of a kind about a place [m, world]."""
     if rng.random() < LARGE:
         size *= float(10.0 ** rng.uniform(-1.5, 1.5))
-    place: dict[str, Any] = {"name": name, "position": tuple(at.tolist()), "quaternion_xyzw": turned(rng)}
+    place: dict[str, Any] = {"name": name, "position": tuple(at.tolist()), "quaternion_xyzw": random_rotation(rng)}
     if kind in _MAKERS:
         return _MAKERS[kind](rng, at, size, place)
     vertices, triangles = closed(rng, 0.5 * size)
     if kind == "cracked":
-        vertices, triangles = cracked(rng, *dented(rng, *convex(rng, 0.5 * size)))
+        vertices, triangles = crack(rng, *dented(rng, *convex(rng, 0.5 * size)))
     if kind == "open":
         triangles = triangles[: max(1, int(0.7 * len(triangles)))]
     return messages.Mesh(
@@ -110,13 +110,13 @@ _MAKERS: dict[str, Callable[..., messages.Obstacle]] = {
 """The makers of obstacles by kind; all others are meshes."""
 
 
-def cracked(rng: np.random.Generator, vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def crack(rng: np.random.Generator, vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Each triangle has corners of its own, up to 0.3 mm off: a mesh full of cracks that are to be closed."""
     corners = vertices[triangles].reshape(-1, 3)
     return corners + rng.uniform(-1.5e-4, 1.5e-4, corners.shape), np.arange(len(corners)).reshape(-1, 3)
 
 
-def shifted(one: messages.Obstacle, by: np.ndarray) -> messages.Obstacle:
+def shift(one: messages.Obstacle, by: np.ndarray) -> messages.Obstacle:
     """An obstacle moved by a vector [m, world]."""
     replaced = msgspec.structs.replace
     if one.trajectory is not None:
@@ -133,16 +133,16 @@ def shifted(one: messages.Obstacle, by: np.ndarray) -> messages.Obstacle:
     return replaced(one, position=tuple((np.array(one.position) + by).tolist()))
 
 
-def flying(
+def make_fly(
     rng: np.random.Generator, one: messages.Obstacle, at: np.ndarray, by: float, seconds: float
 ) -> messages.Obstacle:
     """An obstacle that flies by a place, turning, within about a time."""
     times = _times(rng, seconds)
-    placements = [Placement(tuple((at + by * rng.normal(size=3)).tolist()), turned(rng)) for _ in times]
+    placements = [Placement(tuple((at + by * rng.normal(size=3)).tolist()), random_rotation(rng)) for _ in times]
     return msgspec.structs.replace(one, trajectory=messages.ObstacleTrajectory(times, placements))
 
 
-def swaying(
+def make_sway(
     rng: np.random.Generator, one: messages.HalfSpace, around: np.ndarray, seconds: float
 ) -> messages.HalfSpace:
     """A half-space through the origin that leans and comes and goes behind some places (n, 3), within about a time."""
@@ -162,7 +162,7 @@ def _times(rng: np.random.Generator, seconds: float) -> list[float]:
     return (np.sort(rng.uniform(0.0, seconds, count)) + 0.05 * np.arange(count)).tolist()
 
 
-def closest(judge: Judge, values: Values, obstacles_only: bool = True) -> tuple[float, np.ndarray, int]:
+def find_closest(judge: Judge, values: Values, obstacles_only: bool = True) -> tuple[float, np.ndarray, int]:
     """The least margin at values of the joints [m], the unit vector (3,) from obstacle to link there, and the pair."""
     distances = judge.distances_at(values) - judge.required
     chosen = np.flatnonzero(~judge.own) if obstacles_only else np.arange(len(distances))
@@ -172,7 +172,7 @@ def closest(judge: Judge, values: Values, obstacles_only: bool = True) -> tuple[
     return float(distances[pair]), judge.towards_first(pair), pair
 
 
-def strewn(
+def strew(
     rng: np.random.Generator,
     loaded: Loaded,
     planned: frozenset[str],
@@ -206,13 +206,13 @@ def strewn(
         one = obstacle(rng, kind, f"o{index}", at, float(rng.uniform(0.05, 0.4)))
         near = rng.random() < 0.25
         room = float(10.0 ** rng.uniform(-5.0, -2.5)) if near else float(rng.uniform(2e-3, 5e-2))
-        placed = apart(loaded, planned, ends, one, room, near, setting)
+        placed = push_apart(loaded, planned, ends, one, room, near, setting)
         if placed is not None:
             found.append(placed)
     return found
 
 
-def apart(
+def push_apart(
     loaded: Loaded,
     planned: frozenset[str],
     ends: Sequence[Values],
@@ -224,16 +224,16 @@ def apart(
     """An obstacle pushed until it leaves the ends some room [m], or exactly that; None where that doesn't help."""
     for _ in range(TRIES):
         judge = loaded.judge(planned, obstacles=[one], **setting)
-        margin, away, pair = min((closest(judge, end) for end in ends), key=lambda found: found[0])
+        margin, away, pair = min((find_closest(judge, end) for end in ends), key=lambda found: found[0])
         if pair < 0 or (margin >= room * 0.999 and not (exactly and room * 1.01 < margin < 0.3)):
             return one
         if not np.isfinite(away).all() or not away.any():
             return None
-        one = shifted(one, away * (margin - room))
+        one = shift(one, away * (margin - room))
     return None
 
 
-def held(rng: np.random.Generator, link: str) -> AttachedObject:
+def draw_held(rng: np.random.Generator, link: str) -> AttachedObject:
     """Something that a link holds."""
     size = float(rng.uniform(0.03, 0.12))
     kind = str(rng.choice(["box", "sphere", "cylinder", "capsule", "mesh"]))
@@ -242,7 +242,7 @@ def held(rng: np.random.Generator, link: str) -> AttachedObject:
     return AttachedObject(
         obstacle=shape,
         link=link,
-        placement=Placement(tuple(offset.tolist()), turned(rng)),
+        placement=Placement(tuple(offset.tolist()), random_rotation(rng)),
     )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import pinocchio as pin
 
-from doubting.scenery import KINDS, flying, obstacle as random_obstacle
+from doubting.scenery import KINDS, make_fly, obstacle as random_obstacle
 from guidefield.case_file import Motion, make_cases
 from guidefield.collision.bodies import bodies
 from guidefield.collision.lanes.scene_tables import lane_scene
@@ -133,7 +133,7 @@ def random_scene(rng: np.random.Generator, rounds: int = 3) -> Scene:
     for k, kind in enumerate(rounds * (*KINDS, "ground")):
         at = 2.0 * rng.normal(size=3)
         one = random_obstacle(rng, kind, f"{kind} {k}", at, 0.5)
-        some.append(flying(rng, one, at, 0.5, 2.0) if k % 5 == 4 and kind != "half_space" else one)
+        some.append(make_fly(rng, one, at, 0.5, 2.0) if k % 5 == 4 and kind != "half_space" else one)
     many = rng.normal(size=(int(rng.integers(300, 6000)), 3)).tolist()
     some.append(messages.PointCloud(name="many points", points=many, radius=0.02))
     return build(messages.Scene(name="random", obstacles=some))

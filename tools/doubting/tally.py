@@ -69,7 +69,7 @@ def commit() -> str:
     return said.stdout.strip() or "unknown"
 
 
-def told(folder: Path) -> str:
+def format_totals(folder: Path) -> str:
     """The totals, for a person."""
     kept = units(folder)
     counts: Counter[str] = Counter()

@@ -12,13 +12,13 @@ import msgspec
 import numpy as np
 
 from doubting import aligned, mutants, robots, sized
-from doubting.asked import asked
-from doubting.case import Case, Request, contradicted, shrunk
-from doubting.doubted import Doubted, doubted
+from doubting.asked import draw_plan
+from doubting.case import Case, Request, find_contradictions, shrink
+from doubting.doubted import Doubted, doubt_answer
 from doubting.judge import Sampled
 from doubting.loaded import Loaded
 from doubting.proofs import Proved, doubt_proof
-from doubting.refereed import Outcome, refereed, validated
+from doubting.refereed import Outcome, ask_hpp, ask_referee
 from doubting.tally import Unit, commit
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
@@ -58,7 +58,7 @@ class Work:
         if self.seed % 2:
             return self.aligned(motions)
         began = time.monotonic()
-        robot = robots.drawn(np.random.default_rng([self.seed]))
+        robot = robots.draw_robot(np.random.default_rng([self.seed]))
         loaded = self._load(robot, "robot")
         if loaded is None:
             return self._ended(began)
@@ -84,7 +84,7 @@ class Work:
             return self._ended(began)
         self.counts["robot:aligned"] += 1
         for index in range(motions):
-            one = aligned.asked(np.random.default_rng([self.seed, 1, index]), loaded)
+            one = aligned.draw_motion(np.random.default_rng([self.seed, 1, index]), loaded)
             if one is None:
                 self.counts["left out:no gap"] += 1
                 continue
@@ -107,7 +107,7 @@ class Work:
     def _plan(self, drawn: Loaded, index: int, changed: int, loaded: Loaded, size: float) -> None:
         """Doubt a plan that is drawn for one robot, by the one that is so many times as large."""
         rng = np.random.default_rng([self.seed, index])
-        one = asked(rng, drawn, index)
+        one = draw_plan(rng, drawn, index)
         if one is None:
             self.counts["left out:no free ends"] += 1
             return
@@ -116,7 +116,7 @@ class Work:
             one = dataclasses.replace(one, request=sized.in_meshes(one.request))
         if size != 1.0:
             one = dataclasses.replace(one, request=sized.sized_request(one.request, size, loaded))
-        came = doubted(loaded, one.request)
+        came = doubt_answer(loaded, one.request)
         origin = f"seed {self.seed}, plan {index}, {one.kind}"
         self._note(loaded, one.request, came, origin)
         if came.reply is None:
@@ -129,7 +129,7 @@ class Work:
             return
         base = mutants.base_of(loaded, one.request, came.reply, came.sampled, came.judge)
         self._geared(rng, loaded, base.request, origin)
-        for number, (kind, request) in enumerate(mutants.drawn(rng, base, changed)):
+        for number, (kind, request) in enumerate(mutants.draw_mutants(rng, base, changed)):
             if number == 0:
                 asked_too = (self.seed + index) % PLANS_REFEREED == 0
             else:
@@ -137,7 +137,7 @@ class Work:
             self._mutant(loaded, kind, request, f"{origin}, mutant {number}, {kind}", asked_too)
 
     def _mutant(self, loaded: Loaded, kind: str, request: CertifyRequest, origin: str, asked_too: bool) -> None:
-        came = doubted(loaded, request)
+        came = doubt_answer(loaded, request)
         if isinstance(came.reply, CertifyReply) and (asked_too or _refused_with_room(came, request)):
             came = self._refereed(loaded, kind, request, came)
         self._note(loaded, request, came, origin)
@@ -153,7 +153,7 @@ class Work:
 
     def _geared(self, rng: np.random.Generator, loaded: Loaded, request: CertifyRequest, origin: str) -> None:
         """The motion by a robot one of whose followers has another multiplier; once for a robot."""
-        other = robots.geared(rng, loaded.robot)
+        other = robots.change_gear(rng, loaded.robot)
         if other is None or "mutant:geared" in self.counts:
             return
         changed = self._load(other, "geared robot")
@@ -164,7 +164,7 @@ class Work:
 
     def _refereed(self, loaded: Loaded, kind: str, request: CertifyRequest, came: Doubted) -> Doubted:
         """The same with what the referee and HPP say."""
-        outcome, found = refereed(request, came.reply)
+        outcome, found = ask_referee(request, came.reply)
         if outcome is not Outcome.NOT_ASKED:
             self.counts["referee plans" if kind == "same" else "referee mutants"] += 1
             self.counts[f"referee:{outcome}"] += 1
@@ -173,7 +173,7 @@ class Work:
             counts, wrong = doubt_proof(np.random.default_rng([self.seed, 2]), loaded, request, came.reply, self.proofs)
             self.counts.update(counts)
             found = [*found, *wrong]
-        heard, more = validated(loaded, request, came.reply)
+        heard, more = ask_hpp(loaded, request, came.reply)
         self.counts[f"hpp:{heard}"] += heard is not Outcome.NOT_ASKED
         return dataclasses.replace(came, found=(*came.found, *found, *more))
 
@@ -208,8 +208,8 @@ class Work:
         self.counts["disagreements"] += 1
         small, said = request, came.found
         if len(self.files) < MOST_SHRUNK:
-            small = shrunk(loaded, request, came.found[0].kind)
-            said = contradicted(loaded, small) or came.found
+            small = shrink(loaded, request, came.found[0].kind)
+            said = find_contradictions(loaded, small) or came.found
         (self.folder / FOUND).mkdir(parents=True, exist_ok=True)
         name = origin.replace("seed ", "").replace(", ", "-").replace(" ", "")
         file = self.folder / FOUND / f"{name}.json"

@@ -33,7 +33,7 @@ def answer_all(file: Path, words: list[str]) -> None:
         if not any(word in name for word in words):
             continue
         began = time.perf_counter()
-        answers[name] = answered(request)
+        answers[name] = answer_request(request)
         seconds = time.perf_counter() - began
         print(f"{digest(answers[name])[:16]}  {name}: {outcome(answers[name])}  {seconds:.1f} s", flush=True)
     made_with = {name: version(name) for name in PACKAGES}
@@ -42,7 +42,7 @@ def answer_all(file: Path, words: list[str]) -> None:
     print(f"{digest(answers)[:16]}  all {len(answers)}, kept in {file}")
 
 
-def answered(request: dict[str, Any]) -> dict[str, Any]:
+def answer_request(request: dict[str, Any]) -> dict[str, Any]:
     """Answer a request; return the reply without measured times, or the error."""
     if request.get("type") == REFEREED:
         return _refereed(request)

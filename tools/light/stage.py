@@ -40,10 +40,10 @@ def stage(folder: Path) -> None:
     (package / MARK).write_text(PROJECT["project"]["version"] + "\n")
     shutil.copyfile(HOUSE / "LICENSE", folder / "LICENSE")
     shutil.copyfile(HOUSE / CLIENT["readme"], folder / "README.md")
-    (folder / "pyproject.toml").write_text(described())
+    (folder / "pyproject.toml").write_text(describe())
 
 
-def described() -> str:
+def describe() -> str:
     """The `pyproject.toml` of the light client."""
     whole = PROJECT["project"]
     project: dict[str, Any] = {

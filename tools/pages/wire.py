@@ -18,7 +18,7 @@ BLOCK = re.compile(r"(<!-- made from the code: (?P<name>[a-z ]+) -->\n)(?P<text>
 """A part of the page that is made here."""
 
 
-def filled(page: str) -> str:
+def fill(page: str) -> str:
     """The page with its made parts as the code has them now.
 
     Raises:

@@ -17,7 +17,7 @@ from guidefield.messages.scene import GuidePlane
 from guidefield.scene.scene import build
 from pictures import compose
 from pictures.figure import ORANGE, SIDES, WAY, Style, View, write_figure
-from pictures.viewer import bring_forward, complaints, headless_viewer, opened, steady_picture
+from pictures.viewer import bring_forward, complaints, headless_viewer, open_recording, steady_picture
 
 SHEET_WINDOW = (2100, 1100)
 SHEET_WIDTH = 1800
@@ -78,7 +78,7 @@ def sheet(run: Planned) -> Faults:
     stops = _moments(run.request, run.reply)
     cells: dict[str, list[Image.Image]] = {side: [] for side in SIDES}
     with headless_viewer(SHEET_WINDOW) as viewer:
-        opened(viewer, run.figure())
+        open_recording(viewer, run.figure())
         for _, at in stops:
             viewer.set_time("path_time", duration=at, play_state="paused")
             steady_picture(viewer, None)
@@ -146,7 +146,7 @@ def _frames(run: Recorded, view: View, style: Style, times: list[float], seconds
     window = (CLIP[0], CLIP[1] + 2 * BARS)
     run.draw({"motion": view}, CLIP[0] / CLIP[1], style)
     with headless_viewer(window) as viewer:
-        state = opened(viewer, run.figure())
+        state = open_recording(viewer, run.figure())
         (shown,) = (one.view_id for one in state.views)
         steady_picture(viewer, shown)
         images = []
@@ -171,7 +171,7 @@ def beside(runs: Sequence[Planned], view: View, style: Style, picture: Path) -> 
         others = [one.recording for one in runs if one is not run]
         run.draw({"motion": view}, BESIDE[0] / BESIDE[1], style, others)
         with headless_viewer((BESIDE[0], BESIDE[1] + 2 * BARS)) as viewer:
-            (shown,) = (one.view_id for one in opened(viewer, run.figure()).views)
+            (shown,) = (one.view_id for one in open_recording(viewer, run.figure()).views)
             viewer.set_time("path_time", duration=run.reply.trajectory.times[-1] / 3.0, play_state="paused")
             images.append(compose.picture(steady_picture(viewer, shown)))
             yield from complaints(viewer)
@@ -184,7 +184,7 @@ def beside(runs: Sequence[Planned], view: View, style: Style, picture: Path) -> 
 def tabs(run: Planned) -> Faults:
     """The viewer as it opens the recording, tab by tab."""
     with headless_viewer(TAB_WINDOW) as viewer:
-        opened(viewer, run.recording)
+        open_recording(viewer, run.recording)
         steady_picture(viewer, None)
         for tab in TABS:
             bring_forward(viewer, tab)

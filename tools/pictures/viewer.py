@@ -50,11 +50,11 @@ def headless_viewer(window: tuple[int, int] = WINDOW):
         # a session of its own: the command starts the real viewer as a child, and both have to end
         process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
         try:
-            viewer = drawing(process, log, f"rerun+http://127.0.0.1:{port}/proxy")
+            viewer = await_drawing(process, log, f"rerun+http://127.0.0.1:{port}/proxy")
             try:
                 yield viewer
             except UNANSWERED:
-                if not ended(process):
+                if not has_ended(process):
                     raise
                 raise SystemExit(f"the viewer, which had drawn before, ended: {last_words(log)}") from None
         finally:
@@ -63,7 +63,7 @@ def headless_viewer(window: tuple[int, int] = WINDOW):
             process.wait()
 
 
-def drawing(process, log, url: str) -> ViewerClient:
+def await_drawing(process, log, url: str) -> ViewerClient:
     """A client of a viewer that has just been started and has drawn its empty window.
 
     Without a graphics driver a viewer may answer questions, but it ends before it has drawn anything; one that has
@@ -83,7 +83,7 @@ def drawing(process, log, url: str) -> ViewerClient:
     raise SystemExit(f"the viewer drew nothing within {PATIENCE:.0f} s")
 
 
-def ended(process) -> bool:
+def has_ended(process) -> bool:
     """Return whether a viewer that didn't answer is gone; the command that started it notices a little later."""
     try:
         process.wait(ENDING)
@@ -99,7 +99,7 @@ def last_words(log) -> str:
     return " ".join(line for line in lines if "panicked" in line or "rror" in line) or "it didn't say why"
 
 
-def opened(viewer, recording: Path):
+def open_recording(viewer, recording: Path):
     """The viewer's state once a recording is loaded; asked for again if a viewer that was still starting forgot it."""
     asked = None
     deadline = time.monotonic() + PATIENCE

@@ -79,7 +79,7 @@ class Goals:
         names = frozenset(joint.name for joint in self.planned)
         setting: dict[str, Any] = {"placement": Placement(), "min_clearance": 0.0, "attached": []}
         ends = [as_values(rest), as_values(goal)]
-        strewn = scenery.strewn(rng, self.loaded, names, ends, middle, count, **setting)
+        strewn = scenery.strew(rng, self.loaded, names, ends, middle, count, **setting)
         judges = [self.loaded.judge(names, obstacles=[one]) for one in strewn]
         return [one for one, judge in zip(strewn, judges, strict=True) if not any(map(judge.touches_at, ends))]
 

@@ -66,7 +66,7 @@ def unit(seed: int, longest: float = LONGEST) -> Outcome:
         clock=clock,
         silent=(2.0, 2.3) if rng.random() < 0.3 else (np.inf, np.inf),
     )
-    movers = [disguised(one, more) for one in movers]
+    movers = [disguise(one, more) for one in movers]
     faults.drift = float(more.choice([0.0, -2.0, 2.0])) * clock / LONGEST
     request = StreamOpen(
         robot=name,
@@ -142,7 +142,7 @@ def _mover(index: int, rng: np.random.Generator) -> Mover:
     )
 
 
-def disguised(mover: Mover, rng: np.random.Generator) -> Mover:
+def disguise(mover: Mover, rng: np.random.Generator) -> Mover:
     """The same, or a mesh or a cloud in its place; it moves as before."""
     drawn = rng.random()
     if drawn > 0.3:
