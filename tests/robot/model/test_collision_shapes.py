@@ -1,18 +1,22 @@
-"""Links of mesh files: all parts are judged, in the link's metres; a mesh that can't be read is named with its link."""
+"""Collision shapes: all parts of mesh files are judged, in metres, as hulls where these stand off little."""
 
 from pathlib import Path
 
+import coal
 import numpy as np
 import pytest
+import trimesh
 
 import guidefield
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.catalog import Catalog
-from guidefield.robot.model.collision_shapes import triangulation
-from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.collision_shapes import HULL_STAND_OFF, triangulation
+from guidefield.robot.model.model import USUAL_REACH, RobotModel
+from tests.geometry import solids
 from tests.robot.mesh_files import written
 from tests.robot.mesh_files.written import WRITERS, part
+from tests.robots import ARMS, load, robot
 
 TWO = [part((0, 0, 0), (0.1, 0.2, 0.3)), part((1, 0, 0), (0.1, 0.2, 0.3))]
 URDF = """<robot name="m"><link name="w"/>
@@ -99,5 +103,127 @@ def test_the_unit_of_a_3mf_file_is_told_and_not_applied(tmp_path: Path) -> None:
     assert not any("unit" in warning for warning in metres.warnings)
     told = robot_of(tmp_path, "m.3mf", written.three_mf(TWO, unit="millimeter"))
     assert any("link 'b': mesh 'm.3mf' states its unit, millimeter" in warning for warning in told.warnings)
-    for robot in (metres, told):
-        assert np.allclose(triangulation(robot.geometry.geometryObjects[0].geometry)[0].max(axis=0), (1.1, 0.2, 0.3))
+    for one in (metres, told):
+        assert np.allclose(triangulation(one.geometry.geometryObjects[0].geometry)[0].max(axis=0), (1.1, 0.2, 0.3))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_choices_follow_the_stand_off(name: str) -> None:
+    model = robot(name)
+    for choice, one in zip(model.geometry_choices, model.geometry.geometryObjects, strict=True):
+        if choice.judged_as == "convex hull":
+            assert isinstance(one.geometry, coal.Convex)
+            assert 0.0 <= choice.stand_off <= HULL_STAND_OFF
+        elif choice.judged_as == "triangle mesh":
+            assert isinstance(one.geometry, coal.BVHModelBase)
+            assert choice.stand_off == 0.0
+            assert _farthest_probe(one.geometry) > HULL_STAND_OFF
+
+
+def _points(vertices: np.ndarray) -> coal.StdVec_Vec3s:
+    points = coal.StdVec_Vec3s()
+    for vertex in vertices:
+        points.append(vertex)
+    return points
+
+
+def _farthest_probe(body: object) -> float:
+    """Largest of Coal's distances of points on a mesh's hull from the mesh [m]."""
+    hull = triangulation(coal.Convex.convexHull(_points(triangulation(body)[0]), True, "Qt"))
+    corners = hull[0][hull[1]]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    widest = corners[np.argsort(-areas)[:60]].mean(axis=1)
+    probe, there, request, result = (
+        coal.Sphere(1e-9),
+        coal.Transform3s.Identity(),
+        coal.DistanceRequest(),
+        coal.DistanceResult(),
+    )
+    farthest = 0.0
+    for point in np.vstack([widest, solids.on_surface(hull, 400, np.random.default_rng(0))]):
+        result.clear()
+        here = coal.Transform3s(np.eye(3), point)
+        farthest = max(farthest, coal.distance(probe, here, body, there, request, result))
+    return farthest
+
+
+def _arm_of(mesh: solids.Mesh, folder: Path, reach: float = 1.0) -> RobotModel:
+    """One link of a mesh that turns on a small base, with a frame as far away as it reaches [m]."""
+    trimesh.Trimesh(*mesh, process=False).export(folder / "shell.stl")
+    box = '<collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision>'
+    shell = '<collision><geometry><mesh filename="shell.stl"/></geometry></collision>'
+    joint = (
+        '<joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="1 0 0"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    )
+    end = f'<joint name="end" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0 0 {reach!r}"/></joint>'
+    links = f'<link name="base">{box}</link><link name="arm">{shell}</link><link name="tip"/>'
+    (folder / "r.urdf").write_text(f'<robot name="r">{links}{joint}{end}</robot>')
+    return load(UrdfFile(path=str(folder / "r.urdf")))
+
+
+@pytest.mark.parametrize("size", [0.0625, 32.0])
+def test_a_mesh_of_a_robot_of_another_size_is_judged_as_at_home(tmp_path: Path, size: float) -> None:
+    for corner in (0.002, 0.02):  # a hull stands off by less than 5 mm, and by more
+        outline = np.array([(0, 0), (0.3, 0), (0.15, corner), (0, 0.3)])
+        bent = trimesh.creation.extrude_triangulation(outline, np.array([(0, 1, 2), (0, 2, 3)]), 0.1)
+        home = _arm_of((np.array(bent.vertices), np.array(bent.faces)), tmp_path).geometry_choices[1]
+        vertices = size * np.array(bent.vertices, np.float32)
+        away = _arm_of((vertices, np.array(bent.faces)), tmp_path, size * USUAL_REACH)
+        assert away.size == pytest.approx(size)
+        assert away.geometry_choices[1].judged_as == home.judged_as
+        assert away.geometry_choices[1].stand_off == pytest.approx(size * home.stand_off)
+
+
+@pytest.mark.parametrize("inverted", [True, False])
+def test_a_sealed_hollow_that_a_hull_fills_is_told(tmp_path: Path, inverted: bool) -> None:
+    inner = solids.box((0.19, 0.19, 0.19))
+    arm = _arm_of(solids.together(solids.box((0.2, 0.2, 0.2)), solids.turned(inner) if inverted else inner), tmp_path)
+    assert arm.geometry_choices[1].judged_as == "convex hull"
+    assert "link 'arm': mesh 'shell.stl' is judged by its hull, which fills 6.86 l of hollows" in arm.warnings
+
+
+def test_a_hollow_behind_a_narrow_opening_that_a_hull_fills_is_told(tmp_path: Path) -> None:
+    profile = [(0, 0), (0.1, 0), (0.1, 0.2), (0.003, 0.2), (0.003, 0.195), (0.095, 0.195), (0.095, 0.005), (0, 0.005)]
+    bottle = trimesh.creation.revolve(np.array(profile), sections=48)
+    arm = _arm_of((np.array(bottle.vertices), np.array(bottle.faces)), tmp_path)
+    assert arm.geometry_choices[1].judged_as == "convex hull"
+    told = next(warning for warning in arm.warnings if "fills" in warning)
+    assert 4.0 < float(told.split("fills ")[1].split()[0]) < 1e3 * np.pi * 0.095**2 * 0.19
+
+
+def test_a_mesh_in_millimetres_is_told(tmp_path: Path) -> None:
+    told = "link 'arm': mesh 'shell.stl' is 200 m large: are its numbers millimetres?"
+    assert any(told in warning for warning in _arm_of(solids.box((200.0, 20.0, 30.0)), tmp_path).warnings)
+    assert not any("large" in warning for warning in _arm_of(solids.box((2.0, 0.2, 0.3)), tmp_path).warnings)
+
+
+def test_a_link_of_an_open_mesh_is_told_to_be_a_thin_wall(tmp_path: Path) -> None:
+    outline = np.array([(0, 0), (0.3, 0), (0.3, 0.1), (0.1, 0.1), (0.1, 0.3), (0, 0.3)])
+    halves = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)])
+    bent = trimesh.creation.extrude_triangulation(outline, halves, 0.1)
+    whole = np.array(bent.vertices), np.array(bent.faces)
+    topless = whole[0], whole[1][bent.face_normals[:, 2] < 0.9]
+    open_at = "its surface is open (6 edges belong to one triangle): it is judged as a thin wall"
+    told = f"link 'arm': mesh 'shell.stl': {open_at}"
+    open_arm, closed_arm = _arm_of(topless, tmp_path), _arm_of(whole, tmp_path)
+    assert [one.judged_as for one in (open_arm.geometry_choices[1], closed_arm.geometry_choices[1])] == 2 * [
+        "triangle mesh"
+    ]
+    assert told in open_arm.warnings
+    box = trimesh.creation.box((0.2, 0.2, 0.2))
+    lidless = np.array(box.vertices), np.array(box.faces)[box.face_normals[:, 2] < 0.9]
+    turned = whole[0], np.where(np.arange(len(whole[1]))[:, None] % 2, whole[1], whole[1][:, ::-1])
+    for closed in (closed_arm, _arm_of(turned, tmp_path)):
+        assert not any("thin wall" in warning for warning in closed.warnings)
+    assert _arm_of(lidless, tmp_path).geometry_choices[1].judged_as == "triangle mesh"  # its lid is 10 cm off
+    flat_box = trimesh.creation.box((0.2, 0.2, 0.004))
+    shallow = np.array(flat_box.vertices), np.array(flat_box.faces)[flat_box.face_normals[:, 2] < 0.9]
+    hulled = _arm_of(shallow, tmp_path)
+    assert hulled.geometry_choices[1].judged_as == "convex hull"
+    assert not any("thin wall" in warning for warning in hulled.warnings)
+    state = {"robot": {"type": "urdf_file", "path": str(tmp_path / "r.urdf")}, "scene": {"name": "s", "obstacles": []}}
+    trimesh.Trimesh(*topless, process=False).export(tmp_path / "shell.stl")
+    plan = {**state, "goal": {"type": "joints", "positions": {"j1": 0.1}}, "guide_planes": [], "recording": "off"}
+    assert told in guidefield.answer(plan).warnings
+    assert told in guidefield.answer({**state, "type": "clearance", "configurations": [{}]}).warnings
