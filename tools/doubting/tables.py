@@ -20,7 +20,7 @@ from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import LINK
 from guidefield.kernels.distance.point_tree import LaneCloud
 from guidefield.kernels.prove.kept_distance import LOG_ROW, ROW_A, ROW_AXIS, ROW_B, ROW_PAIR, ROW_SEGMENT
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.prove.proof import _Writer

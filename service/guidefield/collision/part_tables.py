@@ -39,7 +39,7 @@ from guidefield.kernels.collide.parts import (
 from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.jit.decorators import load_imported
 from guidefield.kernels.simd.packing import BLOCK
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.memo import size_of
 from guidefield.memory import MESH_TREES, PLACED_MESHES, BoundedMap, content_key
 from guidefield.parallel import run_queue, usable_processors

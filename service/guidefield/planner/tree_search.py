@@ -22,7 +22,7 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.deadline import Deadline
 from guidefield.kernels.collide.layout import LINE
 from guidefield.kernels.simd.packing import Words, pack
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.kernels.tree import nodes as lane_nodes, rrt_connect as kernel
 from guidefield.kernels.tree.constrained_connect import Strides, grow_within
 from guidefield.kernels.tree.informed_samples import Sampling

@@ -35,7 +35,7 @@ from guidefield.kernels.collide.parts import (
 )
 from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
 from guidefield.kernels.prove.kept_distance import ROW_A, ROW_AXIS, ROW_B, ROW_PAIR, ROW_SEGMENT
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.prove.curve import Curve
 from guidefield.prove.search import SearchLog, SearchQuery, SearchResult, search
 from guidefield.prove.tables import WorldTables, world_tables

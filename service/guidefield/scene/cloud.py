@@ -19,7 +19,7 @@ from guidefield.geometry.surfaces import Floats, box_about
 from guidefield.kernels.distance.bvh import fill_tree, sort_for_tree
 from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
 from guidefield.kernels.simd.packing import AROUND, BLOCK, Words, pack
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.memo import memoized
 from guidefield.scene.obstacle_parts import Charges
 

@@ -10,7 +10,7 @@ from guidefield.geometry import cache
 from guidefield.geometry.convex import CLUSTERS, count_boxed
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, PART, POLYTOPE, SHAPE
 from guidefield.kernels.jit.cache import cache_folder
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build
 from tests.geometry import solids

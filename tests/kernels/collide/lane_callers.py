@@ -8,7 +8,7 @@ from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, INDICES, INDICES_O
 from guidefield.kernels.jit.decorators import make_kernel as kernel
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.simd.packing import Words, pointers
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.kernels.tree.informed_samples import sampling_of
 from guidefield.kernels.tree.nodes import nearest, nearest_to_each, search_of
 from guidefield.kernels.tree.rrt_connect import certain_hits

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.kernels.tree.rrt_connect import SIEVE
 from tests.collision.lanes.test_lanes import draw, world_of
 from tests.kernels.collide.lane_callers import hits_of_configurations

@@ -53,7 +53,7 @@ from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE,
 from guidefield.kernels.jit.arrays import array_types
 from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.packing import AROUND, BLOCK, Words, pack
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 from guidefield.memo import MISSING, Answers, MemoSet, memoized
 from guidefield.messages import scene as messages
 from guidefield.read_only import read_only

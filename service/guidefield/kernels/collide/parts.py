@@ -24,8 +24,7 @@ from guidefield.kernels.jit.arrays import (
 from guidefield.kernels.jit.decorators import kernel, lane_part
 from guidefield.kernels.kinematics.poses import apply_pose, apply_poses, write_product
 from guidefield.kernels.simd.packing import BLOCK, pointed
-from guidefield.kernels.simd.vector import Vector, below, splat
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES, Vector, below, splat
 
 BALL_ROW = 4  # numbers of a ball: its centre's x, y, z and its radius [m]
 RADIUS = 3  # place of the radius among them

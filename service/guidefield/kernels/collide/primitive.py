@@ -49,8 +49,7 @@ from guidefield.kernels.jit.arrays import (
 )
 from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel, lane_part
 from guidefield.kernels.simd.packing import AROUND, BLOCK, pointers, unpacked
-from guidefield.kernels.simd.vector import Vector, below, largest_of, magnitude, root, smallest_of, splat
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES, Vector, below, largest_of, magnitude, root, smallest_of, splat
 
 BOX, CYLINDER, CAPSULE, HALF_SPACE = range(4)
 """Kinds of primitives; a ball is a capsule of no length. Other kinds of parts and obstacles have the numbers behind

@@ -29,7 +29,7 @@ from guidefield.kernels.jit.arrays import (
 )
 from guidefield.kernels.jit.decorators import exact_kernel, inlined, inner_kernel, kernel, lane_part, uncounted
 from guidefield.kernels.simd.packing import AROUND, BLOCK
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 
 _STACK = 64  # runs that wait, at most: one for each halving
 

@@ -14,7 +14,7 @@ from guidefield.kernels.collide.layout import LaneWorld, world_of
 from guidefield.kernels.jit.arrays import Indices, Rows, RowsOut, SingleRows
 from guidefield.kernels.jit.decorators import lane_kernel, lane_part
 from guidefield.kernels.simd.packing import pointers
-from guidefield.kernels.simd.vector_model import LANES
+from guidefield.kernels.simd.vector import LANES
 
 # The additive recurrence of the plastic number (M. Roberts, 2018).
 _STEP_X, _STEP_Y = 0.7548776662466927, 0.5698402909980532
