@@ -1,14 +1,13 @@
-"""Deadlines: what is left, what ends early, what may begin late, and what is told about a step that is not begun.
-
-Waiting for kernels isn't planning time: deadlines pass it over, and replies count it as loading.
-"""
+"""Deadlines, and a slice of `tools/attack deadlines`: a service answers in time however large what is asked."""
 
 import json
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -17,6 +16,8 @@ from guidefield.errors import Status
 from guidefield.first_start import plain_numba
 from guidefield.kernels.jit.arrays import SCALAR, VECTOR
 from guidefield.kernels.jit.decorators import make_kernel as kernel
+from tests.deadline_attack import FORMS, SMALL, Ask, late, service, too_late
+from tests.deadline_requests import triangles
 
 
 @pytest.fixture
@@ -159,3 +160,52 @@ def test_a_plan_has_its_time_although_it_waits_for_kernels() -> None:
     assert awaited
     assert status == "SUCCESS"
     assert total > load > 12.0
+
+
+SHARE = 0.2  # of the largest scenes: reading one takes from 5 to 100 ms, and building it more
+
+SCENES = ["boxes", "triangles", "points"]
+
+OTHERS = [
+    *("polygons", "planes", "scene_planes", "step_planes", "places", "movers", "crowd", "moving_mesh", "held", "path"),
+    *("trajectory", "samples", "goals", "blocked_goals", "steps", "constraints", "pairs", "frames", "clearances"),
+    *("poses", "field"),
+]
+"""What else there may be much of: each of them was late once, or might be."""
+
+TRIES = 8  # on a busy machine a thread may get its turn late
+
+
+@pytest.fixture(scope="module")
+def ask() -> Iterator[Ask]:
+    with service() as ask:
+        yield ask
+
+
+def missed(ask: Ask, kind: str, form: str, allowed: float, share: float) -> bool:
+    """Whether answers came too late each time that it was tried."""
+    return all(
+        any(too_late(seconds, allowed) for seconds, _ in late(ask, kind, form, allowed, share=share))
+        for _ in range(TRIES)
+    )
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_answers_come_in_time(ask: Ask, form: str) -> None:
+    assert [kind for kind in SCENES if missed(ask, kind, form, 0.05, SHARE)] == []
+
+
+def test_answers_to_whatever_is_long_come_in_time(ask: Ask) -> None:
+    assert [kind for kind in OTHERS if missed(ask, kind, "json", 0.05, 0.1)] == []
+
+
+def test_a_service_goes_on_with_what_was_late_and_the_next_request_finds_it(ask: Ask) -> None:
+    made = triangles(100_000)
+    made["scene"]["obstacles"][0]["vertices"] += 0.001 * np.random.default_rng().random()  # nobody has seen it
+    assert ask(FORMS["packed"]({**made, "allowed_planning_time": 0.02}))[1].startswith("TIMED_OUT")
+    again = FORMS["packed"]({**made, "allowed_planning_time": 0.3})
+    assert any(ask(again)[1] == "SUCCESS" for _ in range(30)), "each goes on where the one before ended"
+
+
+def test_a_small_request_is_answered_as_soon_as_the_worker_is_free(ask: Ask) -> None:
+    assert ask(msgspec.json.encode(SMALL | {"recording": "off", "allowed_planning_time": 15.0}))[1] == "SUCCESS"

@@ -1,10 +1,17 @@
-"""What is asked, without a network: what is refused before anything is sent, and what is read from an answer."""
+"""Without a service or network: what is refused before anything is sent, read from an answer, and given up."""
+
+import asyncio
+import contextlib
+from concurrent.futures import Future
+from typing import Any
 
 import msgspec
 import pytest
 
-from guidefield.client import questions
-from guidefield.errors import InternalFailure, MalformedRequest, RequestTooLarge
+from guidefield.client import asynchronous, client, questions
+from guidefield.client.asynchronous import AsyncServiceStream
+from guidefield.client.streams import ServiceStream
+from guidefield.errors import InternalFailure, MalformedRequest, NoService, RequestTooLarge, StreamUnknown
 from guidefield.messages.codec import MAX_REQUEST_BYTES
 from guidefield.messages.requests import JointsGoal, PlanRequest, Potential, ReadRuns
 from guidefield.messages.scene import Scene, Sphere
@@ -69,3 +76,78 @@ def test_a_name_is_a_name_and_nothing_else(name: str) -> None:
             ask(name)
     with pytest.raises(MalformedRequest, match="name"):
         questions.runs(ReadRuns(robot=name))
+
+
+class Exchange:
+    """Brings no answer, or that nobody is there to be asked for the run's end."""
+
+    def __init__(self, gone: bool) -> None:
+        self.asked: list[str] = []
+        self._gone = gone
+
+    def watching_run(self, *_about: object) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext()
+
+    def ask(self, question: Any) -> Future[bytes]:
+        self.asked.append(question.key)
+        answer: Future[bytes] = Future()
+        if self._gone and len(self.asked) > 1:
+            answer.set_exception(NoService("nobody answers"))
+        return answer
+
+
+@pytest.fixture(params=[False, True], ids=["silent", "gone"])
+def exchange(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Exchange:
+    for room in (asynchronous, client):
+        monkeypatch.setattr(room, "GIVE_UP_WITHIN", 0.05)
+    return Exchange(request.param)
+
+
+def test_a_task_that_is_cancelled_is_cancelled(exchange: Exchange) -> None:
+    async def journey() -> None:
+        task = asyncio.create_task(asynchronous.AsyncClient(exchange).plan(PLAN))
+        while not exchange.asked and not task.done():
+            await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(journey())
+    assert exchange.asked[0] == "plan"
+    assert exchange.asked[1].endswith("/cancel")
+
+
+def test_a_ctrl_c_is_a_ctrl_c(exchange: Exchange, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(_answer: Future[bytes]) -> bytes:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(client, "await_answer", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        client.Client(exchange).plan(PLAN)
+    assert exchange.asked[1].endswith("/cancel")
+
+
+ASKED: dict[str, Any] = {"robot": "ur5", "scene": "table"}
+
+
+def test_one_that_was_never_opened_says_how_it_is() -> None:
+    stream = ServiceStream(None, ASKED, {}, None)
+    for ask in (stream.update, lambda: stream.at(0.0), lambda: list(stream)):
+        with pytest.raises(StreamUnknown, match="isn't open yet: `with` opens it, for asyncio `async with`"):
+            ask()
+    stream.close()
+
+
+def test_the_same_for_asyncio() -> None:
+    async def go() -> None:
+        stream = AsyncServiceStream(None, ASKED, {}, None)
+        with pytest.raises(StreamUnknown, match="isn't open yet"):
+            await stream.update()
+        with pytest.raises(StreamUnknown, match="isn't open yet"):
+            stream.at(0.0)
+        with pytest.raises(StreamUnknown, match="isn't open yet"):
+            async for _ in stream:
+                pass
+        await stream.close()
+
+    asyncio.run(go())

@@ -1,4 +1,4 @@
-"""Robots without collision geometry answer kinematics alone; robots whose tip nothing drives are planned for anyway."""
+"""Robots without collision geometry or with a tip that nothing drives; what is said about a robot's shapes."""
 
 import math
 from typing import Any
@@ -7,6 +7,9 @@ import pytest
 
 from guidefield.engine import answer
 from guidefield.errors import InvalidGroup, RobotInvalid
+from guidefield.handlers.robots import robot as described
+from guidefield.robot.link_bounds import convex_parts, coverage
+from tests.robots import robot
 
 LIMIT = '<limit lower="{}" upper="{}" velocity="0.5" effort="1"/>'
 BARE = (
@@ -91,3 +94,17 @@ def test_a_robot_without_joints_says_so() -> None:
     text = f'<robot name="g"><link name="palm">{FINGER}</link></robot>'
     with pytest.raises(InvalidGroup, match="no joint of the robot can move"):
         answer({"robot": of(text), "scene": EMPTY, "goal": {"type": "joints", "positions": {}}})
+
+
+def test_shapes_come_with_their_cover_and_parts() -> None:
+    model = robot("ur5")
+    covered, cut = coverage(model), convex_parts(model)
+    reply = described(model)
+    assert [shape.name for shape in reply.geometry] == [choice.name for choice in model.geometry_choices]
+    for shape, balls, found in zip(reply.geometry, covered.shapes, cut, strict=True):
+        assert (shape.cover.spheres, shape.cover.inner_balls) == (len(balls.cover.spheres), len(balls.inner))
+        assert shape.cover.overhang == balls.cover.overhang <= covered.delta
+        assert (shape.parts is None) == (found is None) == (shape.judged_as != "triangle mesh")
+        if shape.parts is not None and found is not None:
+            assert shape.parts.count == len(found.parts)
+            assert shape.parts.stand_off == max(part.stand_off for part in found.parts)

@@ -1,4 +1,4 @@
-"""Disks that are really full, and files that were cut short at every length: what was kept stays whole."""
+"""Files of a store: names stay in their folder; full disks and cut files are told, and what was kept stays whole."""
 
 import contextlib
 import subprocess
@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings, strategies as st
 
 from guidefield.engine import Engine
-from guidefield.errors import DiskRefused, RobotInvalid, SceneInvalid, UnknownObject, WorkerCrashed
+from guidefield.errors import DiskRefused, MalformedRequest, RobotInvalid, SceneInvalid, UnknownObject, WorkerCrashed
 from guidefield.handlers.robots import robots
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
@@ -19,6 +20,7 @@ from guidefield.messages.scene import Box, Scene, Sphere
 from guidefield.rendering import whole_recording
 from guidefield.robot.catalog import Catalog
 from guidefield.stores import run_file
+from guidefield.stores.files import checked_name, default_data_folder, read_if_any
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.run_file import FILE
@@ -202,3 +204,36 @@ def test_a_store_on_a_full_disk_says_so_without_a_path(small_disk: Path) -> None
         with pytest.raises(DiskRefused, match=r"^the disk refuses: No space left on device$"):
             engine.answer(request)
     assert not list((small_disk / "robots" / "contents").iterdir())
+
+
+@given(st.text(max_size=200))
+@settings(max_examples=60)
+def test_a_name_that_is_accepted_stays_in_its_folder(name: str) -> None:
+    folder = Path("/data/scenes")
+    try:
+        path = folder / f"{checked_name(name, 'scene')}.json"
+    except MalformedRequest:
+        return
+    assert path.parent == folder
+    assert path.resolve().parent == folder.resolve()
+    assert path.name == f"{name}.json"
+    assert not path.name.startswith(".")
+
+
+@pytest.mark.parametrize("name", ["..", ".", "", "../x", "a/b", "a\\b", ".hidden", "a\0b", "a\n", "x" * 129, "ä"])
+def test_names_that_could_lead_elsewhere_are_refused(name: str) -> None:
+    with pytest.raises(MalformedRequest, match="scene"):
+        checked_name(name, "scene")
+
+
+def test_what_is_not_there_reads_as_none(tmp_path: Path) -> None:
+    assert read_if_any(tmp_path / "nothing") is None
+
+
+def test_the_data_folder_follows_the_platform_and_the_instance(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert default_data_folder("cell-7") == tmp_path / "guidefield" / "cell-7"
+    monkeypatch.delenv("XDG_DATA_HOME")
+    assert default_data_folder("local") == Path.home() / ".local" / "share" / "guidefield" / "local"
+    with pytest.raises(MalformedRequest):
+        default_data_folder("../elsewhere")

@@ -1,14 +1,22 @@
-"""Samples near a way and in a box, sixteen at a time."""
+"""What trees draw and find: samples, the nearest node by brute force, and the sieve of spheres against Coal."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 from numba import int64, types, void
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.kernels.jit.arrays import FLOATS, INDICES, VECTOR_OUT, Floats, Floats32
 from guidefield.kernels.jit.decorators import make_kernel as kernel
 from guidefield.kernels.simd.packing import Words, pack, pointers
 from guidefield.kernels.simd.vector import LANES
+from guidefield.kernels.tree import nodes as lane_nodes
 from guidefield.kernels.tree.informed_samples import NEAR, Sampling, Way, next_samples, pass_samples, sampling_of
+from guidefield.kernels.tree.kd_buckets import BUCKET, KNOWN, STATE
+from guidefield.kernels.tree.rrt_connect import SIEVE
+from guidefield.planner.tree_search import _TreeMemory, held_by
+from tests.collision.lanes.test_lanes import draw, world_of
+from tests.kernels.collide.lane_callers import hits_of_configurations, nearest_nodes, nearest_nodes_of_samples
 
 
 @kernel(void(INDICES, VECTOR_OUT, FLOATS, types.float64, int64, types.Array(types.float32, 2, "C")))
@@ -89,3 +97,98 @@ def test_a_fixed_share_of_samples_fills_the_limits_evenly_whatever_the_way() -> 
     assert np.abs(counts / counts.mean() - 1.0).max() < 0.05
     along = np.histogram(places[~wide, 3] / NEAR, 10, (0.0, 1.0))[0]
     assert np.abs(along / along.mean() - 1.0).max() < 0.01
+
+
+WRAPS = np.array([0.0, 2.0 * np.pi, 0.0, 0.0, 2.0 * np.pi], np.float32)
+
+
+def box_about(wraps: np.ndarray) -> Sampling:
+    nv = len(wraps)
+    frequency = np.array([0.0 if period == 0.0 else 1.0 / period for period in wraps], np.float32)
+    return Sampling(
+        np.zeros(nv), np.zeros(nv), np.ones(nv), wraps, frequency, np.ones(nv, np.float32), 0, np.zeros(0, np.int64)
+    )
+
+
+def apart(a: np.ndarray, b: np.ndarray, wraps: np.ndarray) -> np.ndarray:
+    """Distances, angles the short way round, in double precision."""
+    way = a - b
+    turns = wraps > 0.0
+    way[..., turns] = (way[..., turns] + np.pi) % (2.0 * np.pi) - np.pi
+    return np.linalg.norm(way, axis=-1)
+
+
+def spread(kind: str, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Points that lie evenly, in heaps, on a line, in one place, or many turns away."""
+    points = rng.uniform(-3.0, 3.0, (count, 5))
+    match kind:
+        case "heaps":
+            points = points[rng.integers(0, 7, count)] + rng.normal(0.0, 0.02, (count, 5))
+        case "line":
+            points[:, 1:] = 0.5
+        case "one place":
+            points[:] = points[0]
+        case "turns":
+            points[:, 1] += 2.0 * np.pi * rng.integers(-3, 4, count)
+    return points
+
+
+@pytest.mark.parametrize("kind", ["even", "one place", "turns"])
+@pytest.mark.parametrize("wraps", [WRAPS, 0.0 * WRAPS], ids=["wraps", "straight"])
+def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
+    rng = np.random.default_rng(0)
+    roots = [spread(kind, count, rng).astype(np.float32) for count in (700, 5000)]
+    room, sampling = _TreeMemory.build(5, 8192), box_about(wraps)
+    for tree, points in enumerate(roots):
+        held_by(room.search)[0][tree, :, : len(points)] = points.T
+    room.search.counters[lane_nodes.SIZE] = len(roots[0])
+    targets = np.concatenate([spread("even", 204, rng), roots[1][:100]]).astype(np.float32)
+    nodes = np.zeros(len(targets), np.int64)
+    state, search, words = room.search.buckets.state, room.words, pack(sampling)
+    for size in (1500, 1600, 5000):  # some in buckets, some not; then more
+        room.search.counters[lane_nodes.SIZE + 1] = size
+        for tree, points in ((0, roots[0]), (1, roots[1][:size])):
+            least = apart(points[None], targets[:, None], wraps).min(axis=1)
+            for asked in (nearest_nodes, nearest_nodes_of_samples):
+                nodes[:] = -1
+                asked(search, words, tree, targets, nodes)
+                np.testing.assert_allclose(apart(points[nodes], targets, wraps), least, atol=1e-5)
+        assert state[KNOWN] == 0
+        assert size - state[STATE + KNOWN] < lane_nodes.LATE
+    buckets = room.search.buckets
+    filled, members = buckets.filled[buckets.n :], buckets.members[buckets.n * BUCKET :].reshape(-1, BUCKET)
+    held = [members[i, : filled[i]] for i in range(state[STATE + 1])]
+    np.testing.assert_array_equal(np.sort(np.concatenate(held)), np.arange(state[STATE + KNOWN]))
+
+
+def test_memory_for_as_many_nodes_as_are_examined_one_by_one_has_buckets() -> None:
+    """512 goals under path constraints make such a tree, and it may be full."""
+    rng, size = np.random.default_rng(0), lane_nodes.LATE
+    room, points = _TreeMemory.build(5, size), spread("even", size, rng).astype(np.float32)
+    held_by(room.search)[0][0, :, :size] = points.T
+    room.search.counters[lane_nodes.SIZE] = size
+    targets, nodes = spread("even", 50, rng).astype(np.float32), np.zeros(50, np.int64)
+    assert len(room.search.buckets.filled) > 0
+    sampling = box_about(0.0 * WRAPS)
+    nearest_nodes(room.words, pack(sampling), 0, targets, nodes)
+    np.testing.assert_array_equal(nodes, apart(points[None], targets[:, None], 0.0 * WRAPS).argmin(axis=1))
+
+
+@pytest.mark.parametrize("robot", ["panda", "ur5"])
+@pytest.mark.parametrize("clearance", [0.0, 0.02])
+def test_what_is_hit_touches(robot: str, clearance: float) -> None:
+    world, lanes = world_of(robot, "zoo")
+    hits, seen, missed = np.full(3 * SIEVE, -1, np.int64), 0, 0
+    zs = draw(world.group, 640, 3)
+    touching = lanes.touching(zs, clearance)
+    for block, touches in zip(zs.reshape(-1, LANES, zs.shape[1]), touching.reshape(-1, LANES), strict=True):
+        mask = hits_of_configurations(lanes.words, clearance, block.T.astype(np.float32).ravel(), hits)
+        hit = np.array([mask >> k & 1 for k in range(LANES)], bool)
+        assert not (hit & ~touches).any()
+        for z in block[hit][:2]:
+            assert clearance_at(world, world.group.expand_from_chart(z)).obstacle_distance < clearance + 1e-5
+        seen += hit.sum()
+        missed += (touches & ~hit).sum()
+    assert seen > 100
+    assert (hits.reshape(-1, 3)[0] >= 0).all()
+    assert seen > missed
