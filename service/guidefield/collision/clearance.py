@@ -1,8 +1,8 @@
 """Contacts and clearance at configurations, and bodies wholly inside closed meshes, which Coal judges as surfaces.
 
 Coal decides on exact shapes; balls, boxes and hulls only leave out pairs that can't be the closest, so they may be
-coarser, never wrong: `BOX_MARGIN` and `HULL_ACCURACY` may be larger, which costs time. `FIRST_REACH` is time alone.
-Names, order and depths of pairs are what users read in replies.
+coarser, never wrong: more of `BOX_MARGIN` is time, of `HULL_ACCURACY` too, but may name another of equally near pairs.
+`FIRST_REACH`, above 0, is time alone. Names, order and depths of pairs are what users read in replies.
 
 Planner, certificate and distances count bodies inside as contacts. It is enough to look at a motion's start, because a
 motion without contact leads neither in nor out.
@@ -139,7 +139,7 @@ def depth_of(world: World, pair: int) -> float | None:
     return max(0.0, -world.distance(pair)[0])
 
 
-MOST_EXAMINED = 16  # configurations of which pairs are counted for messages: the most frequent pair is known by then
+MOST_EXAMINED = 16  # configurations of which pairs are counted for messages and details: by then the commonest is known
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ def _deepest(world: World, touching: Sequence[tuple[np.ndarray, int]]) -> float 
 
 
 FIRST_REACH = 0.1  # obstacles are looked for within this of the robot first, then within twice as much [m], at size 1
-DIRECTED = 1e-9  # closest points nearer to each other than this tell no direction [m]
+DIRECTED = 1e-9  # closest points nearer to each other than this, above 0, tell no direction: no gradient [m]
 HULL_ACCURACY = 1e-6  # how far off Coal's distance of two hulls may be [m]
 
 

@@ -5,7 +5,8 @@ triangles is judged patch by patch, by those whose boxes are near enough. The fa
 they are worked around; with another version each has to be looked for again.
 
 Depths don't decide on contact. Users read them in replies; by them `planner/leaving.py` decides if a motion may begin
-in contact, and `planner/ends.py` if a tip is blocked. With fewer `STARTS` or `STEPS` they may be told too large.
+in contact, and `planner/ends.py` if a tip is blocked. With fewer `STARTS` (at least 1), `STEPS` or `FACES` they may be
+told too large, with more of `ACCURACY` or `OFF_LINE` more faults of Coal's pass.
 
 Along a unit direction n two convex bodies overlap by h(n) = max n.a - min n.b over their points a and b: moved so far
 along n, the second one just touches the first. The penetration depth is the least h (Cameron and Culley 1986), so that
@@ -42,14 +43,13 @@ from guidefield.scene.obstacle_parts import Patches
 
 ACCURACY = 2e-6  # what Coal's depth may be off [m], and as a share of it
 MARGIN = 1e-3  # by how much the second body is moved beyond the first, so that GJK tells a direction [m]
-
 OFF_LINE = 1e-3  # what Coal's deepest points may be off the line along which shapes part, as a share of the depth
 STARTS, STEPS = 4, 40  # from how many directions h is descended, and in how many steps
 
 PARALLEL = 1e-9  # axes with nearest points this close (as a share of their size), or at this angle, tell no direction
 
 FACES = 64  # the normals of a hull's faces are tried where there are no more than this
-MOST_OTHERS = 17  # directions that `try_directions` writes beside them: axes, their cross products, and two lines
+MOST_OTHERS = 17  # most that `try_directions` writes beside them (axes, cross products, two lines): nothing checks it
 
 
 class ClosestPoints(NamedTuple):

@@ -1,7 +1,7 @@
 """Boxes about obstacles, the broad phase: a tree of those along the world's axes, and those along their own axes.
 
 Trees are read by kernels/collide/broadphase.py and near_pairs.py. Boxes may be larger than obstacles, never smaller;
-`CHILDREN` and `_BITS` are time alone. A tree that was updated is the very one that would be built anew.
+`CHILDREN`, at least 2, and `_BITS` are time alone. A tree that was updated is the one that would be built anew.
 """
 
 from __future__ import annotations

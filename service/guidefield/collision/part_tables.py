@@ -1,7 +1,8 @@
 """Coal shapes as the kernels' convex parts: a primitive or hull is one part, a triangle mesh a tree of triangles.
 
 SIMD batches, proofs and streams measure exact distances by these tables; columns are those of kernels/collide/parts.py,
-and parts have to be the shapes themselves. A further kind of shape needs a branch in `PartsTable.add_shape`.
+and parts have to be the shapes themselves. A further kind of shape needs a branch in `PartsTable.add_shape` and in
+kernels, entries in narrow_phase.py and geometry/distance_bodies.py, for links also in link_bounds.py, link_charges.py.
 """
 
 from __future__ import annotations
@@ -50,8 +51,7 @@ from guidefield.robot.model.collision_shapes import hull_vertices, triangulation
 _NO_VERTICES, _ZEROS = np.empty(0, np.float32), np.zeros(3, np.int64)
 
 
-MANY_NUMBERS = 200_000
-"""Tables with more numbers of balls than this (some 10,000 triangles) are written on all processors."""
+MANY_NUMBERS = 200_000  # tables with more numbers of balls (some 10,000 triangles) are written on all processors
 
 
 class UnsupportedShape(Exception):
@@ -338,7 +338,7 @@ def recall_mesh_tree(shape: Any) -> MeshTree:
     return tree
 
 
-NEAR_ORIGIN = 100.0  # a robot whose base is farther from the origin is seen from its base [m]: docs/certificate.md
+NEAR_ORIGIN = 100.0  # a robot whose base is farther from the origin is seen from there [m]: docs/certificate.md
 
 
 class BodyParts(NamedTuple):

@@ -26,7 +26,7 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.scene.obstacle import Obstacle
 
 MOST_TRIANGLES = 20_000
-"""An obstacle of more gets no hull: Qhull would take seconds. Its SIMD tables are of another kind, kept on disk."""
+"""An obstacle of more gets no hull (Qhull would take seconds), and SIMD tables on disk that know no solids in it."""
 
 FEW = 16  # most pairs of a point and a box that are compared one by one, which takes less time than as arrays
 

@@ -2,7 +2,7 @@
 
 Everything that decides on contact asks a `World`. Bodies and pairs go by their indices (`pairs.py`), in proofs and in
 kernels too. The numbers of pairs are large: no list of them is made. `TOUCHING` must not be less, and is time
-otherwise; `FIRST_PAIRS` is memory.
+otherwise; `FIRST_PAIRS`, at least 1 (with 0 nothing touches), is memory and time.
 """
 
 from __future__ import annotations

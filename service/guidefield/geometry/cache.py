@@ -34,7 +34,6 @@ MAPPED = 2**20  # files of more bytes are mapped; smaller ones are read as fast
 Arrays = Mapping[str, np.ndarray]
 
 Layout = Mapping[str, tuple[str, tuple[int, ...]]]  # type, as NumPy writes it, and shape of each array, by name
-
 Allocate = Callable[[Layout], dict[str, np.ndarray]]  # makes arrays of such types and shapes to write in, all zero
 
 _SUM = "checksum"  # field of the checksum
@@ -185,7 +184,8 @@ STALE = 3600.0  # a draft of that age was left by a process that was killed [s]
 
 _PACKAGE = Path(__file__).parent.parent
 _PACKAGES = ("collision", "geometry", "kernels", "scene")
-"""The packages whose sources count for an entry's hash; a new one with code that computes entries has to be added."""
+"""The packages whose sources count for an entry's hash; a new one with code that computes entries has to be added. Of
+others the maker's own file counts: what it imports from there, such as a constant, has to be among the inputs."""
 
 _COMPUTING = tuple(f"{_PACKAGE.name}.{room}." for room in _PACKAGES)
 

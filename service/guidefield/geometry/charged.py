@@ -2,7 +2,7 @@
 
 Columns and their order are those of kernels/field (field.py, faces.py, box.py), which read them by number. The
 field near a surface is always that of each face. An opening is accuracy; block sizes and `LEAST_FACES` are time, and
-change the field within that accuracy.
+change the field within that accuracy; service/docs/algorithm.md states `LEAST_FACES`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Closed surfaces of triangles: vertices merged, gaps and cracks closed, pieces told apart, crossing faces found.
 
 No vertex moves: lids are added, so what a closed mesh contains is as it was given. Whether a mesh counts as closed, for
-collisions and for proofs alike, depends on `WIDEST_CRACK` and on the exact comparison of places.
+collisions and for proofs alike, depends on `WIDEST_CRACK`, `_WIDTHS` and the exact comparison of places.
 
 A piece of a link counts as hidden inside another only if none cross (`solid.find_nested`), and users are warned of
 crossings (`mesh_surface.py`). Beyond `SWEPT` or `EXAMINED` pairs the answer is incomplete, and says so: slabs, chunks
@@ -152,7 +152,7 @@ def boundary(triangles: Integers) -> Integers:
 WIDEST_CRACK = 1e-3
 """Corners at most so far apart along each axis may be one [m]: the sides of a box about those that should be.
 
-docs/certificate.md, docs/scenes.md and the messages of scenes state it.
+docs/certificate.md, robots.md and scenes.md state it, and messages/scene.py for the wire.
 """
 
 _WIDTHS = 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 0.17, 0.3, 0.55, 1.0

@@ -5,7 +5,8 @@ such points from them. Vertices of a hull are input points bit for bit; `case_fi
 
 The tree is laid out by counts alone (`cluster_counts`, `count_boxed`), so that tables of a large mesh are allocated
 before it is written (`collision/lanes/surface_tables.py`, `collision/part_tables.py`). Balls contain their triangles,
-polytopes their points; `MOST_VERTICES`, `CLUSTERS` (ascending) and `BOXED` are time alone.
+polytopes their points. `CLUSTERS` (ascending) and `BOXED` are time, and which distance within its tolerance a search
+finds; `MOST_VERTICES` is also how closely convex parts fit (`decomposition.py`), which streams' proofs rest on.
 """
 
 from __future__ import annotations
@@ -172,7 +173,6 @@ def _vector(points: Floats) -> coal.StdVec_Vec3s:
 
 
 MOST_VERTICES = 192  # a hull with more gives way to a polytope about it with about as many
-
 
 CLUSTERS = (5, 21, 85)
 """The first nodes on the way down with no more triangles than one of these are its clusters.

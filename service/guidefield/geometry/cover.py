@@ -8,9 +8,9 @@ ball. Depths are distances to triangles, so both promises hold up to rounding, w
 
 Candidates are balls about points of the medial axis. Few are chosen by a greedy set cover (Chvatal, Mathematics of
 Operations Research 4, 1979), and shrink to what they own. Most constants trade the number of balls against the time to
-find them. The containment is proved as long as elements make up the surface without a gap, `_ROOT_SLACK` is at least 1,
-and `MARGIN` not negative; the overhang is kept by `_ROUNDING` below 1 and `LEAST_OVERHANG` of at most 1. By
-`LEAST_REACHES` and `MOST_BALLS` bodies are refused. Collision kernels read `Cover`.
+find them. The containment is proved as long as elements make up the surface without a gap, `_ROOT_SLACK` and
+`_CELLS_AT_ONCE` are at least 1, and `MARGIN` isn't negative; the overhang is kept by `_ROUNDING` below 1 and
+`LEAST_OVERHANG` of at most 1. By `LEAST_REACHES` and `MOST_BALLS` bodies are refused. Collision kernels read `Cover`.
 """
 
 from __future__ import annotations

@@ -70,9 +70,9 @@ Triangulated = tuple[Floats, Integers, Integers]
 """Vertices (v, 3) [m]; triangles (t, 3) that count; others (n, 3) around them, for pseudonormals alone."""
 
 NO_TRIANGLES = np.empty((0, 3), np.int64)
-
 _THIN = 1e-12
-"""A triangle with less area than this share of its longest edge squared is a line: its neighbours' edges cover it."""
+"""A triangle with less area than this share of its longest edge squared is left out, as its neighbours' edges cover it:
+distances may be off by its height."""
 
 
 class SurfaceRows(NamedTuple):

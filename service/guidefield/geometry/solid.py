@@ -327,8 +327,8 @@ def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> t
     return tables, spans
 
 
-TOLERANCE = 1e-4
-"""How much too large a stand-off may be given, as a share of the surface's extent or of 1 m, whichever is larger."""
+TOLERANCE = 1e-4  # how much too large a stand-off may be given, as a share of the surface's extent, of 1 m at least
+"""With more, fewer meshes of links are judged by their hulls (robot/model/collision_shapes.py)."""
 
 
 def stand_off(

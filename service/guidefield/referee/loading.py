@@ -1,7 +1,7 @@
 """Load cases from files, with the fields of docs/referee.md, which `case_file.py` writes.
 
 Pinocchio, Coal and Assimp read what a file declares: the referee takes no number of the certificate's. A new or changed
-field needs a new number: in `FORMATS` here, `FORMAT` there and on the page; files of earlier formats are still read.
+field needs a new number: in `FORMATS` here and in proof.py, `FORMAT` there, on the page; earlier ones are still read.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ FORMATS = ("guidefield cases 2", "guidefield cases 1")
 
 ROOTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
-LARGEST = 2**29  # the largest packed file that is read, unpacked [bytes]: a file of some kB could hold gigabytes
-MOMENT = 1e-9  # duration of a motion of a single position [s]
+LARGEST = 2**29  # the largest packed file that is read, unpacked [bytes], as the page says: a kB may hold gigabytes
+MOMENT = 1e-9  # duration of a motion of a single position [s], as in case_file.py
 
 Fields = Mapping[str, Any]  # a part of a file, as JSON has it
 

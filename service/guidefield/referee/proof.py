@@ -171,7 +171,7 @@ def _within(indices: np.ndarray, count: int) -> bool:
     return bool(indices.dtype.kind == "i" and ((indices >= 0) & (indices < count)).all())
 
 
-# these numbers decide how close the bounds below are, and how long they take; with other ones they are bounds, too
+# with other numbers the bounds below are bounds, too, but take longer, or are looser: true proofs are refused then
 NEAR = 1e-5  # a point farther than this from all corners of a shape isn't taken for one of them [m]
 CLOSE = 1e-7  # a point this near to a corner needs no test by planes [m]: that is single precision
 ONTO_PLANES = 8  # projections of a point onto the plane that it is farthest beyond: more bound flat hulls closer

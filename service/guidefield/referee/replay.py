@@ -24,7 +24,7 @@ from guidefield.referee.motion_bounds import BodyBounds, SegmentBounds
 from guidefield.referee.proof import Proof, Shapes, box_about, load_proofs, standing_out
 
 ENDS = (1.0, -1.0)
-"""Shares of the twists at which nodes are tested: their distance across a direction is concave in between."""
+"""Shares of the twists at which nodes are tested, both: their distance across a direction is concave in between."""
 
 
 class Slabs:

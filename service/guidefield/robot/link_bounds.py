@@ -3,7 +3,7 @@
 SIMD batches test spheres and parts before the exact shapes (`collision/lanes/robot_tables.py`). They may be coarser,
 but have to contain the shapes, and inscribed spheres to lie inside: `DELTA`, `LARGE`, `SMALL`, `TIGHT` and `MOST_PARTS`
 trade the time of the first use, and of every plan, against each other; streams' paths keep their distances from the
-spheres. A change makes what is on disk anew; docs/robots.md states `DELTA`.
+spheres. A change in this file makes what is on disk anew; docs/robots.md states `DELTA` and what `LARGE` allows.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ def _question(shape: Any, delta: float, unit: float) -> Question:
     arrays = scale(arrays, 1.0 / unit, *(arrays.keys() - {"triangles"}))
     return (
         f"coverage-{kind.__name__.lower()}",
-        {**arrays, "delta": np.array(delta)},
+        {**arrays, "delta": np.array(delta), "gap": np.array(WIDEST_GAP)},
         lambda: _store(build(arrays, delta)),
     )
 

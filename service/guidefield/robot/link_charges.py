@@ -30,7 +30,7 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.pairs import collision_pairs, scratch_space
 
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
-"""The same for points that lie close together far from the origin, over their coordinates."""
+"""Margin of a capsule about points close together far from the origin, over their coordinates: it may grow alone."""
 
 _RADII = 1.0 + 0.25 * np.linspace(0.0, 1.0, 11) ** 2
 """Radii to try, as multiples of the least: a wider capsule may be shorter; 1.225 makes a cube's a ball."""

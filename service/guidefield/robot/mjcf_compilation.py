@@ -261,7 +261,7 @@ def tendon_warnings(model: Any) -> list[str]:
     return [f"what tendons couple isn't kept{limits}: {some}"]
 
 
-ENDLESS = 1e6  # range of a sliding joint without one [m]: a URDF has to name one, and the loader narrows it
+ENDLESS = 1e6  # range of a sliding joint without one [m], which a URDF has to name: beyond `FURTHEST` it is narrowed
 
 
 @dataclass(frozen=True, eq=False)

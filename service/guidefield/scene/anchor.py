@@ -30,9 +30,9 @@ from guidefield.scene.scene import Scene, build
 
 FAR = 100.0
 """A robot that is farther from the origin along an axis gets an anchor [m]: single precision resolves 8 um there.
-service/docs/certificate.md states it."""
+service/docs/certificate.md states it, together with `NEAR_ORIGIN` of collision/part_tables.py."""
 
-COARSE = 16384.0  # from here on neighbours in single precision are more than a millimetre apart [m]
+COARSE = 16384.0  # from here on a warning tells of single precision, which has steps of more than a millimetre [m]
 
 _Message = TypeVar("_Message", bound=msgspec.Struct)
 

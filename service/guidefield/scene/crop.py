@@ -50,7 +50,7 @@ MAX_CROPPED_SHARE = 0.7  # an obstacle of which a larger share would be left is 
 
 _GOOD_ANCHOR = 0.05  # the ball's centre serves as anchor if so large a share of its radius about it is free. Unrecorded
 ROUNDING = 1e-9  # share by which the ball is larger when solids that come into it are kept: it may grow, not shrink
-_WINDING_TOLERANCE = 0.01  # a place is an anchor if its winding number is within this of a whole one
+_WINDING_TOLERANCE = 0.01  # an anchor's winding number is within this, far below 0.5, of a whole one: sides rest on it
 
 
 class Ball(NamedTuple):

@@ -3,7 +3,7 @@
 Large surfaces are trees of patches, which the narrow phase asks one by one (`collision/narrow_phase.py`). Facts of a
 large mesh (closed, convex, crossing itself), its cleaned surface and the order of its patches are cached on disk by the
 hash of what was declared, and of this code: no old ones are read. Names and types of these arrays are read again in
-`_restore` and `_LargeMesh.surface`. `crop.py` makes cropped surfaces. `PATCH` is time alone.
+`_restore` and `_LargeMesh.surface`. `crop.py` makes cropped surfaces. `PATCH` is time, and the points told in contact.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from guidefield.messages.scene import Points, Triangles
 from guidefield.parallel import run_parallel
 from guidefield.scene.obstacle_message import corners_in, count_of, points_in
 
-PATCH = 8192  # most triangles in one tree, which Coal builds in some hundredths of a second: a matter of time
+PATCH = 8192  # most triangles in one tree, which Coal builds in some hundredths of a second
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 """Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""

@@ -1,6 +1,6 @@
 """Read a scene from a file of any kind, by its suffix or root element; URDF, MJCF, MoveIt's scenes and meshes here.
 
-Behind `guidefield.Scene.read` and the command line (`SUFFIXES`). A further kind needs a branch in `read_scene`.
+Behind `guidefield.Scene.read` and the command line. A further kind needs its suffix in `SUFFIXES`, and a branch.
 """
 
 from __future__ import annotations

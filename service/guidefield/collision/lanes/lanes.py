@@ -1,7 +1,7 @@
 """SIMD batch collision: test many configurations or samples of paths at once, shorten paths, measure gaps to boxes.
 
 A sample that is found free is free on the exact geometry, but for contacts shallower than `BAND` (1e-5 m, in
-kernels/collide/layout.py) and for obstacles wholly inside a link's mesh, most of which inscribed balls meet; between
+kernels/collide/layout.py) and what is wholly inside a mesh: a link, or an obstacle that inscribed balls miss. Between
 samples the certificate decides. The order of the packed words (robot, scene, memory, drift) is that of `LaneWorld`.
 """
 

@@ -63,7 +63,7 @@ SPREAD_POINTS = 48  # most points that stand for the surface of a piece
 MOST_PLANES = 64
 """A triangle belongs to a piece if it isn't beyond a plane of a piece's largest faces, of which this is the most."""
 
-ROUNDING = 1e-6  # by how much a triangle has to be beyond a piece's plane to be left out [m]
+ROUNDING = 1e-6  # by how much a triangle is beyond a piece's plane to be left out [m]: may grow, not shrink
 _QUARTER_TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # the rotation about x by a right angle
 _SAME_DIRECTION = 3e-8  # directions that differ less are the same in float32
 

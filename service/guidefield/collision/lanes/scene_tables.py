@@ -151,7 +151,8 @@ def _one_after_another(lengths: dict[str, int], *layouts: type) -> tuple[Arrays,
 MOST_SOLIDS = 512
 """A mesh of more solids is one tree of triangles, because each solid costs a millisecond before the first plan.
 
-Its inside then isn't seen by SIMD batches: bodies wholly inside are found by `clearance.enclosed` alone.
+Its convex solids then have no inside for SIMD batches, as others never have: `clearance.enclosed` alone finds bodies
+wholly inside.
 """
 
 
@@ -304,7 +305,6 @@ def prepare_scene(scene: Scene, deadline: Deadline, told: Callable[[str], None] 
 
 
 POLYGONS_AT_ONCE = 256  # polygons whose tables are made together, between two looks at the clock: some milliseconds
-
 _prepared = MemoSet()
 
 _MADE = Answers[_Tables]()  # tables of obstacles that are no primitives

@@ -1,8 +1,8 @@
 """The triangles of a mesh, and the balls of a cloud, as trees of parts for kernels; large ones are kept on disk.
 
 The arrays are kernels/collide/parts.py's `Parts`, laid out by `part_tables.tree_layout`; boxes and hulls contain the
-triangles below them, in single precision too (`SINGLE_ROUNDING`). `CLUSTER` and `SAMPLED_TRIANGLES` are time alone. A
-change of this file makes what is on disk anew (`geometry/cache.py`).
+triangles below them, in single precision too (`SINGLE_ROUNDING`). `CLUSTER` is time, `SAMPLED_TRIANGLES`, at least 1,
+also which distance within its `TOLERANCE` prove/search.py finds. A change of this file makes what is on disk anew.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Inverse kinematics: configurations that bring a tip to a pose, far from each other, or why there are none.
 
 Solutions are ends of damped descents (kernels) from starts that are given or drawn; the same random state gives the
-same ones. `SearchSettings` trade how often a pose is missed against time; other values find other solutions. `EXACT` is
-what a tolerance of zero means to all who check a pose (`planner/ends.py` proves by it).
+same ones. `SearchSettings` trade how often a pose is missed against time; other values find other solutions, and tell
+other causes and counts. `EXACT` is what a tolerance of 0 means to all who check poses (`planner/ends.py` proves by it).
 """
 
 from __future__ import annotations

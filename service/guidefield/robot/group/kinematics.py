@@ -11,7 +11,7 @@ g = (a - sin a) / a^3 (T. D. Barfoot, State Estimation for Robotics, 2017), so t
 What slides beside a turn is seen from the moved frame: T x = R^T x, and T' x = -w x R^T x with the angular velocity w.
 
 Tables have the columns of kernels/kinematics. A larger `SERIES_BELOW` needs more `_TERMS`. `DISTINCT` and the largest
-steps change which configurations inverse kinematics and descents find; `MOST_UNUSED` is memory.
+steps change which configurations inverse kinematics and descents find; `MOST_UNUSED` is memory and time.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Settle the collision shapes of a URDF: read meshes, find their hulls, and choose a tight hull in place of a mesh.
 
 What a link is judged as (`HULL_STAND_OFF`) decides every collision with it, and is reported to users; docs/robots.md
-states it. `LEAST_FILLED` and `HARDLY_METRES` decide on warnings alone; here `WIDEST_GAP`, too, but it also decides what
-is inside a mesh for the spheres and parts of link_bounds.py. Triangles and hulls are kept, because Coal hands them
-out slowly.
+and certificate.md state it. `LEAST_FILLED` and `HARDLY_METRES` (in robots.md, too) decide on warnings alone; here
+`WIDEST_GAP`, too, but it also decides what is inside a mesh for the spheres and parts of link_bounds.py. Triangles and
+hulls are kept, because Coal hands them out slowly.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ The hull contains the mesh, so it is safe at any distance; where it would stand 
 """
 
 ROUGH_TOLERANCE = 5e-4
-"""Tolerance of a first, rough stand-off, as a share of the mesh's extent or of 1 m: a finer one takes longer by the
-square where faces of hull and mesh coincide."""
+"""Tolerance of a first, rough stand-off, which is reported if it is small enough, as a share of the mesh's extent or of
+1 m: a finer one takes longer by the square where faces of hull and mesh coincide."""
 
 LEAST_FILLED = 0.01  # an open hollow is reported if it is more than this share of the hull's volume
 

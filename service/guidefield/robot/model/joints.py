@@ -37,7 +37,7 @@ from typing import NewType
 import numpy as np
 import pinocchio as pin
 
-LARGEST_VALUE = 1e4  # largest value of a joint [rad or m]: a motion further than that could not be judged in any time
+LARGEST_VALUE = 1e4  # largest value of a joint [rad or m], as docs/scenes.md says: further motions take long to judge
 
 ROAM = 2.0
 """How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m], at size 1."""
@@ -189,7 +189,7 @@ VELOCITY_SUFFIXES = {
 }
 """Names of velocity columns likewise; velocities are tangents in the moved frame."""
 
-_SMALL = 1e-4  # below this angle a series represents a sine [rad]: off by less than rounding
+_SMALL = 1e-4  # below this angle a series represents a sine, as in kernels [rad]: off by less than rounding
 
 ROTATION = {JointKind.SPHERICAL: slice(0, 3), JointKind.FLOATING: slice(3, 6)}
 """Which of a joint's chart coordinates are a rotation vector."""

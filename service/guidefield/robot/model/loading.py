@@ -2,8 +2,8 @@
 
 The order counts: each step needs those before. Default limits here are kept by motions where no file names others, and
 are stated in docs/robots.md; the sentences are warnings of every reply about a robot that doesn't come with guidefield.
-Such a URDF is read by yourdfpy too (`crosscheck`): only warnings come of that, and `SAME_PLACEMENT`, `MOST_TOLD` and
-`BENT_SHARE` choose how many.
+Such a URDF is read by yourdfpy too (`crosscheck`); only warnings come of that. With a `BENT_SHARE` of 0 or 0.5 joints
+may stand at zero, where other axes make no difference; `SAME_PLACEMENT` is above rounding.
 """
 
 from __future__ import annotations

@@ -58,11 +58,11 @@ It is 200 times the certificate's resolution, and next to nothing of free space.
 as many of a tree's shortened paths as without, because shortcuts end where they graze something and samples overlook
 corners; paths are 0.5 % longer (`tools/bench connect`). It holds for steps of the guided planner, motions among moving
 obstacles, and links that are in contact at the stated rest. `least_floor` of `planner/optimize/settings.py`, the lowest
-clearance of the optimiser, has the same value written out.
+clearance of the optimiser, has the same value written out, and so has service/docs/algorithm.md.
 """
 
 NEARLY_ALONG_X = 0.9
-"""If the axis of a planar joint has a larger share of x, its plane is spanned from the frame's y axis."""
+"""If a planar joint's axis has more of x, its plane is spanned from y: the same in docs/robots.md and the referee."""
 
 FREE = ("JointModelPlanar", "JointModelFreeFlyer")  # Pinocchio's names of joints that turn a whole robot
 

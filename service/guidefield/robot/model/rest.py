@@ -1,7 +1,7 @@
 """Find the rest configuration of a robot: as its card or SRDF states it, else zero; moved a little where it touches.
 
 Joints that requests leave out have its values, and replies show it; the random search is seeded, so that it is always
-the same. Other shares, draws or seeds give robots that touch as stated another rest, and so other plans.
+the same. Other constants or seeds give robots that touch as stated another rest, and so other plans.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 
 SHARES = np.linspace(0.05, 1.0, 20)  # how much of the way to random values is tried, nearest first
 DRAWS = 25  # random directions for each of them
-DRAW_RANGE = np.pi  # joints without limits are drawn within this of their zero [rad or m]
+DRAW_RANGE = np.pi  # joints are drawn within their limits and this of their zero [rad or m]
 
 
 @dataclass(frozen=True)

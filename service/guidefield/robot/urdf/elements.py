@@ -288,7 +288,7 @@ These are the shapes that Pinocchio's parser reads: it would lose any other.
 """
 
 THICKNESS = 2e-6  # thickness of a collision body that has none [m]
-NO_LENGTH = 1e-9  # a length below this is taken as zero [m], because products of such lengths underflow
+NO_LENGTH = 1e-9  # a length below this is zero, of a held object refused [m]: products of such lengths underflow
 
 NEVER_JUDGED = "a <visual> is never judged"
 NOT_DRAWN = "this <visual> will not be drawn"

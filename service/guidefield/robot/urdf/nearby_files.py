@@ -1,7 +1,7 @@
 """Find files in the folders about a URDF by the end of their path, where a mesh isn't at its URI.
 
-Only for robots in local files. Limits keep a search off large trees, and docs/robots.md states them; a looser match
-would take another robot's mesh.
+Only for robots in local files. Limits keep a search off large trees, and docs/robots.md states `MAX_ENTRIES`,
+`MAX_SECONDS` and `MAX_LEVELS`; a looser match would take another robot's mesh.
 """
 
 from __future__ import annotations
