@@ -1,10 +1,10 @@
 """Collision tests of a robot against obstacles and itself at sixteen configurations at once, along motions and paths.
 
-Tests go from cheap to exact; their order is a matter of speed. An inner ball that met an obstacle lately often does
-again. Balls about all bodies of a joint leave few obstacles, balls about each body fewer. An inner ball that meets an
-obstacle is a contact. A pair is free where no ball of the body's cover meets, or the axis that last separated both
-still does. GJK decides the rest. In float32 the cheap tests are off by less than `BAND`: they widen covers and shrink
-inner balls by it, so that no contact passes for free, and nothing farther away counts as one. Search trees and
+Tests go from cheap to exact. An inner ball that met an obstacle lately often does again. Balls about all bodies of a
+joint leave few obstacles, balls about each body fewer. An inner ball that meets an obstacle is a contact, and alone
+finds one wholly inside a mesh. A pair is free where no ball of the body's cover meets, or the axis that last separated
+both still does. GJK decides the rest. In float32 the cheap tests are off by less than `BAND`: they widen covers and
+shrink inner balls by it, so that no contact passes for free, and nothing farther away counts as one. Search trees and
 shortcuts call `motion_free`; a search that is to be repeatable has to `forget` hits and axes first.
 """
 
@@ -213,7 +213,7 @@ def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
     """Tell if the robot touches an obstacle or itself at any of the sixteen configurations of a world's block.
 
     It keeps `clearance` from obstacles [m], >= 0. If a contact is `likely`, inner balls are tried first: they find one
-    sooner, and cost time where there is none.
+    sooner, alone find an obstacle wholly inside a mesh, and cost time where there is none.
     """
     joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
     coordinates = world.block
@@ -245,7 +245,7 @@ FRACTIONS = np.arange(1, LANES + 1, dtype=np.float32)
 FRACTIONS.setflags(write=False)
 """1 to 16, the first of `LaneWorld.fractions`: `motion_free` makes the samples' places on a motion of them."""
 
-EXACT = 1e-3  # a share of a block: motions that are as long as whole blocks get no more for being rounded up to float32
+EXACT = 1e-3  # share of a block of samples that may be missing, for rounding to float32; with more, samples are sparser
 
 
 @lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))

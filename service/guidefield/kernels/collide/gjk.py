@@ -70,8 +70,8 @@ ACCURACY = 2e-7  # by how much a distance may be too large [m]: certificates and
 
 ROUNDS, FEW_ROUNDS = 64, 5
 """Rounds after which GJK ends with what it has (among rounded parts it comes closer by a factor each time), and rounds
-for two nodes that aren't both leaves, where a bound is enough: these are a matter of speed, while fewer `ROUNDS` would
-leave distances that are too large by more than `ACCURACY`."""
+for two nodes that aren't both leaves, where a bound is enough: these, at least 1, change time, and distances within
+`SLACK`, while fewer `ROUNDS` would leave distances that are too large by more than `ACCURACY`."""
 
 SLACK = 5e-6
 """Leaves nearer than the nearest known ones by no more than this aren't searched: flat sides have many alike [m].

@@ -2,8 +2,8 @@
 
 `collision/lanes` fills them: `robot_tables` and `cell_grids` the robot, `scene_tables` the obstacles (by
 `primitive.primitive_tables`) and the scratch. A world reaches a kernel as words in the order of `LaneWorld` and of the
-tuples in it, which `lay_out` writes, at the offsets of `scene_tables`: a field that is added, moved or removed has to
-be so there, too.
+tuples in it, which `lanes.py` and `lay_out` write, at the offsets of `scene_tables`: a field of `LaneWorld` has to be
+added, moved or removed there, too, and one of a tuple where that is filled.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from guidefield.kernels.jit.decorators import inner_kernel, kernel, lane_part
 from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
 from guidefield.kernels.simd.packing import pointed, unpacked
 
-BAND = 1e-5  # within this of contact [m] either answer may come: more than what tests in float32 are off by
+BAND = 1e-5  # within this of contact [m] either answer may come (`lanes.py`): more than tests in float32 are off by
 DECISION_BAND = 2e-6  # the margin of GJK's decision [m], within `BAND`: more than the error of a placement in float32
 
 REACH, AXIS_AND_REACH = 3, 4
 """Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
 
-HITS = 4  # number of balls that met an obstacle last and are tried first: a matter of speed
+HITS = 4  # number of balls, at least 1, that met an obstacle last and are tried first: a matter of speed
 
 BODY, OBSTACLE, BALL, HIT = range(4)
 """Columns of a hit: a body, the obstacle that it met, the ball inside the body; then how many columns there are."""
@@ -273,7 +273,7 @@ def write_found(found: Integers, count: int, body: int, other: int, mask: int) -
     return count + 1
 
 
-LINE = 64  # bytes of a line of the cache: sixteen floats that lie across two of them take twice as long to get
+LINE = 64  # bytes of a line of the cache, a multiple of 8: sixteen floats across two of them take twice as long
 SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)  # number of words of obstacles and their shapes
 
 _IGNORED = LaneObstacles._fields.index("ignored")

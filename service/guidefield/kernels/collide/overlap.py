@@ -15,7 +15,7 @@ from guidefield.kernels.jit.decorators import kernel, uncounted
 
 BOX, CYLINDER, HULL, CAPSULE = range(4)
 """Kinds of shapes; a sphere is a capsule without length."""
-SHORTEST = 1e-9  # shorter vectors tell no direction, once they are scaled by their largest component
+SHORTEST = 1e-9  # vectors no longer than its square tell no direction: with more, the least overlap may be missed
 
 
 class ConvexShape(NamedTuple):

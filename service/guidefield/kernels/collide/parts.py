@@ -1,7 +1,7 @@
 """Convex parts of bodies and trees of balls about them: the tables that GJK, batches and proofs read, and placing.
 
 `collision/part_tables.py`, `lanes/surface_tables.py`, `primitive.py`, `stream/shapes.py` write them: columns and kinds
-have to be the same there. A node's ball and part contain all that is below it.
+have to be the same there, and in `prove/proof.py`. A node's ball and part contain all that is below it.
 """
 
 from __future__ import annotations

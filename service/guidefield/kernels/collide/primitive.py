@@ -1,6 +1,6 @@
 """Primitives: their numbers, masks of sixteen points near one, axes away from it, bounds of many, tables of a scene's.
 
-Two forms: rows of `PRIMITIVE` numbers in float32 for SIMD batches, and `PLACED` as scenes declare them, in float64.
+Two forms: rows of `PRIMITIVE` numbers in float32 for SIMD batches, and `PLACED` of `scene/obstacle.py`, in float64.
 `primitive_tables` writes what `collision/lanes/scene_tables.py` has made room for, in the columns of `layout` and
 `parts`. A further kind needs a branch in each function that asks for kinds, here and in `gjk.py`.
 """

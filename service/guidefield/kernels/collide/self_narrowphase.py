@@ -318,7 +318,7 @@ def left_of_cells(robot: LaneAlone, meeting: int, mask: int, coordinates: Floats
     return left
 
 
-BEYOND = 1e-3  # margin that bodies keep besides [m]: configurations may be a little beyond the limits of their joints
+BEYOND = 1e-3  # bodies that keep this aren't tested again [m]: joints may be a little beyond limits; it may only grow
 
 CELL = GRID_SIDES + 1
 """Numbers of a cell that waits to be judged: the indices of its first smallest cell, the logarithm of its sides."""

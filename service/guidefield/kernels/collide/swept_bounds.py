@@ -223,8 +223,8 @@ def changing(robot: SweptRobot, turns: Floats, slides: Floats, moving: Integers,
     return found
 
 
-_DEEPEST = 14  # a motion is halved no more often than this
-_STACK = 64  # parts of a motion, or of an axis, that wait at most
+_DEEPEST = 14  # a motion is halved no more often than this: what is in doubt then is a no
+_STACK = 64  # parts of a motion, or of an axis, that wait at most; nothing checks it
 
 
 @uncounted

@@ -1,8 +1,8 @@
 """Set cover by balls: which balls contain which elements, a greedy choice, and the least radii that still contain all.
 
-An element is a small body, such as some triangles, that is in a ball if its corners are. Elements stand 64 to a word of
-bits. Also the spread and extents of clusters of triangles, of which `lanes/surface_tables.py` makes its tree. Rows (n,
-4) are centre and radius [m].
+An element is a small body, such as some triangles, that is in a ball if its corners are; 64 stand in a word of bits, as
+in `geometry/cover.py`, whose proofs rest on `contained` and `reaches`; another greedy choice makes another cover. Also
+spread and extents of clusters of triangles, for `lanes/surface_tables.py`. Rows (n, 4) are centre and radius [m].
 """
 
 from __future__ import annotations

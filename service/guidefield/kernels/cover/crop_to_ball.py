@@ -3,7 +3,7 @@
 Neighbours go together, in voxels; the ball is cut into cells. In a cell, the nearest point is no farther than a corner
 in some voxel: voxels that are farther from the cell are dropped, and so are those that are farther than this corner
 from each place in the cell. `scene/crop.py` crops obstacles with it: distances in the ball stay the same.
-`VOXELS`, `COARSE` and `FINE` trade time for what is dropped.
+`VOXELS`, `COARSE` and `FINE`, each at least 1, trade time, and memory of `VOXELS`^3 numbers, for what is dropped.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ _FLAT = 1e-12
 """Determinant over the product of squared lengths, below which points count as lying in a plane or on a line."""
 
 _HELD = 5  # points that a ball is held by, and the next one outside
-_STEPS = 200  # rounds at most; a ball that is left early is widened to contain all, and a little larger than it need be
+_STEPS = 200  # rounds at most, from 1 on; a ball left early is widened to contain all, a little larger than it need be
 
 _HELD_BY_CIRCLE = 4  # points that a circle is held by, and the next one outside
 _FLAT_TRIANGLE = 1e-24

@@ -159,7 +159,7 @@ def tangent_balls(
 FINENESS = 0.1
 """A cell within the body that is in no single ball is returned when its half size is this share of its depth."""
 
-FINEST = 0.25  # the same next to the surface, as a share of the margin
+FINEST = 0.25  # the same next to the surface, as a share of the margin; with both 0 cells outgrow `_STACK`
 
 _STACK = 8 * 64  # cells that wait: seven more for each of at most 64 halvings
 _DIAGONAL = math.sqrt(3.0)

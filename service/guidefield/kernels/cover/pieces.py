@@ -73,7 +73,7 @@ def farthest_first(candidates: Rows, start: int, spacing: float, chosen_out: Ind
         new = which[block]
 
 
-BITS = 11  # of a digit of the radix sort: its table of 2,048 starts stays in the cache
+BITS = 11  # of a digit of the radix sort: its table of 2,048 starts stays in the cache; for speed only
 
 
 @kernel
@@ -101,7 +101,7 @@ def stable_order(numbers: Indices, order_out: IndicesOut) -> None:
             return
 
 
-ROUNDING = 1.0 + 1e-12  # by how much a ball is larger than the distance of its farthest point, whatever rounding does
+ROUNDING = 1.0 + 1e-12  # a ball's radius over the distance of its farthest point, for rounding: it may grow, not shrink
 LOOK_BACK = 32  # a point is compared with the last this many that were kept; for speed only
 
 

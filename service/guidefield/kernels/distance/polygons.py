@@ -11,7 +11,7 @@ import numpy as np
 from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, IndexRowsOut, Indices, IndicesOut, Row, Rows
 from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 
-_PARALLEL = 1e-12  # edges whose normals have a smaller cross product don't meet
+_PARALLEL = 1e-12  # edges whose normals have a smaller cross product don't meet; with more inradii come out too small
 _LATEST = 1e300  # no edge of a bounded polygon vanishes as late
 
 

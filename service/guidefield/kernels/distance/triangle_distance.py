@@ -17,7 +17,7 @@ import numpy as np
 from guidefield.kernels.jit.arrays import Floats, Rows, Vector3
 from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 
-LEAF = 4  # boxes that one leaf of a tree holds: a matter of speed, as builders and searches read it here
+LEAF = 4  # boxes in a leaf of a tree: time, and which of equally near faces counts; builders and searches read it here
 ON_SURFACE = 1e-12  # nearer than this the direction from the surface is the pseudonormal [m]
 _STACK = 64  # more nodes than ever wait: a tree of a million leaves is 20 levels deep
 

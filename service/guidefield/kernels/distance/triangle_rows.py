@@ -29,12 +29,12 @@ from guidefield.kernels.jit.arrays import (
 from guidefield.kernels.jit.decorators import exact_kernel, inlined, inner_kernel, kernel
 from guidefield.kernels.linalg.small_systems import write_stable_order
 
-NOTHING = 1e-14  # vectors shorter than this share of the longest are rounding
+NOTHING = 1e-14  # vectors shorter than this share of the longest are 0; more takes small faces' normals, insides' signs
 SHORTEST = 1e-300  # longest vectors shorter than this are none
 
-FEW = 32  # this many numbers are sorted by insertion; a vertex of a surface seldom has more edges
+FEW = 32  # this many numbers are sorted by insertion, for speed only; a vertex of a surface seldom has more edges
 
-FLAT = 1e-9  # share of its size within which a surface is flat
+FLAT = 1e-9  # share of its size within which a surface is flat: it chooses axes of boxes, which is time and last bits
 FINEST = 21  # bits of one coordinate of a place on the Morton curve, as in `geometry/curve_order.py`: three fit into 63
 
 

@@ -23,7 +23,7 @@ from guidefield.kernels.jit.decorators import exact_kernel, exact_part, inlined,
 from guidefield.kernels.linalg.small_systems import cross, dot
 
 RAYS = 64  # directions that are tried, at most: with fewer a point counts as outside, or as unsure, more often
-GRAZING = 1e-12  # an edge is grazed if the ray passes it closer than this, over the lengths involved; may only grow
+GRAZING = 1e-12  # a ray this near an edge, over lengths involved, grazes it; not less; with far more insides are lost
 GRAZED = 1 << 40  # marks a ray that grazes an edge in a sum of crossings: more than there are
 
 _STACK = 64  # nodes that wait, at most
@@ -33,17 +33,17 @@ BALL, REACH, PLACE, ROOM, TURNS, ANCHOR = 0, 3, 4, 7, 8, 9
 """Columns of anchors: centre and radius of the ball in which all of the surface is there; a place, how far about it is
 free of the surface and in the ball [m], and how often the surface winds around it; then how many there are."""
 
-RUN = 2048  # this many triangles, one behind the other, have a box: the line passes most of them by
+RUN = 2048  # this many triangles, one behind the other, have a box: the line passes most of them by; for speed only
 UNSURE = 1 << 40  # returned if the line meets a corner or an edge on both sides: more than a surface winds
 
 _ALONG_X, _ALONG_Y = 0.3819660112501051, -0.2360679774997897
-"""The line's direction is these and 1: along no axis, diagonal or side of what people build."""
+"""The line's direction is these and 1: along no axis, diagonal or side of what people build, where it is unsure."""
 
 _ROUNDING, _WIDER = 1e-15, 1e-9
 """Error of an area as a share of its terms, eight times what rounding makes; widening of boxes, of a metre and of each
 metre from the origin."""
 
-TOGETHER = 1024  # this many are summed alone, so that rounding adds up over few numbers
+TOGETHER = 1024  # this many are summed alone, so that rounding adds up over few numbers; it changes last bits
 
 
 @inlined

@@ -15,7 +15,7 @@ from guidefield.kernels.jit.decorators import inlined
 from guidefield.kernels.simd.vector import every, inverse_root, is_double, root, select, smallest_gap
 
 CAPSULE_SHELL = 0.01
-"""A point nearer to a capsule than this part of its radius, or inside it, has the field of this distance."""
+"""A point nearer to a capsule than this part of its radius, or inside it, has the field of this distance: above 0."""
 
 _ON_AXIS = 1e-24
 _ON_AXIS_SINGLE = 1e-10

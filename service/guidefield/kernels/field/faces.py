@@ -213,7 +213,7 @@ FIRST_QUAD, FIRST_SLIVER_QUAD, PAST_QUAD = 6, 7, 8
 
 FORM, FIRST_ROW, PAST_ROW = 9, 10, 11  # a leaf's closed forms: their kind, and the rows of its table
 BOXES, SPHERES, CAPSULES, PLANES, POINTS = range(1, 6)  # kinds of closed forms; 0 is none
-ORDINARY = 0.25  # a triangle whose altitude on the longest edge is less than this part of the edge counts as a sliver
+ORDINARY = 0.25  # triangles lower than this, over their longest edge, are slivers: less loses digits, more costs time
 
 
 @inlined

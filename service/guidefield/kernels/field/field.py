@@ -139,7 +139,7 @@ def frozen(values: np.ndarray) -> np.ndarray:
 
 MATRIX_32_OUT = types.Array(types.float32, 2, "C")
 
-LANES = 16  # points come in multiples of it: the longest vector of lanes
+LANES = 16  # points come in multiples of it: the longest vector, `LANES` of simd/vector_model.py; no setting
 
 
 class Field(NamedTuple):

@@ -2,7 +2,7 @@
 
 service/docs/algorithm.md, "Projected". A step is ``v = -(y - Z C y)`` with ``y = M^-1 g`` and ``Z = M^-1 C^T (C M^-1
 C^T)^-1``: Newton's step in the metric M of nearby faces' curvature, less the part that would leave the constraint. It
-is taken back onto the constraint by up to three corrections with the same Z. `planner/guide/rounds.py` and
+is taken back onto the constraint by at most `_CORRECTIONS` steps with the same Z. `planner/guide/rounds.py` and
 `plane_rounds` call it; settings are theirs. Constants change which path it finds; each motion is tested on the way.
 """
 

@@ -31,16 +31,16 @@ from guidefield.kernels.jit.arrays import (
 from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.linalg.small_systems import write_stable_order
 
-CAP = 0.25  # clearance beyond this doesn't count [m], at size 1
+CAP = 0.25  # clearance beyond this doesn't count [m], at size 1: `auto_planes.py` tells mouths of passages by it, too
 
 _HASTE = 1.1
-"""The path found costs at most this many times the cheapest: the estimate of the rest is larger by this factor."""
+"""But for what `arm` leaves out a path costs at most this many times the cheapest: the estimate is larger by it."""
 
 _CHOSEN = -1.0  # cost of a point that is settled or out of bounds
-_ROOM = 1 << 14  # entries that the heap has room for at first
+_ROOM = 1 << 14  # entries that the heap has room for at first, at least 1
 
 
-_NEAR = 0.0025  # a ray hits what is nearer than this, as a share of the longest
+_NEAR = 0.0025  # a ray hits what is nearer than this, as a share of the longest; above 0, or it never ends
 
 
 @inlined

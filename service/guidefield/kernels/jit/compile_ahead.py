@@ -62,7 +62,7 @@ FIRST = (
 
 tests/test_first_start.py finds those that are missing; one too many delays the first plan."""
 _CHILD = "--child"
-_TURN_S = 0.5  # period of checks whether another process is done compiling [s]
+_TURN_S = 0.5  # period at which a process looks whether another one is done compiling, and says that it waits [s]
 _LATER = 10  # how nice the compilers are with what nobody waits for
 
 

@@ -7,7 +7,7 @@ stays intermediate code, and a kernel calls another one's machine code by name; 
 optimiser, so that what is small is still compiled in.
 
 A kernel's machine code is loaded when it is first called, after that of all kernels it calls, and what is only for
-compiling isn't looked at then: of some 150 kernels an answer needs half, and the linker's tables and the types and
+compiling isn't looked at then: an answer needs a part of all kernels, and the linker's tables and the types and
 functions that numba knows are for callers that are yet to be compiled.
 
 All of it relies on what is inside the versions of numba that `first_start.KNOWN_NUMBA` names. Typing that is

@@ -199,7 +199,7 @@ def motion_subspaces(joints: JointTable, placements: BlocksOut, subspaces_out: R
     place_subspaces(joints, placements, subspaces_out)
 
 
-_SMALL = 1e-4  # below this angle series stand for sine and cosine [rad]: off by less than rounding
+_SMALL = 1e-4  # below this angle series stand for sine and cosine [rad]: off by less than rounding; less loses digits
 
 
 @inlined

@@ -30,7 +30,7 @@ from guidefield.kernels.kinematics.forward_kinematics import (
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.linalg.small_systems import solve_three
 
-_SMALL = 1e-4  # below this angle series stand for sine and cosine [rad]: off by less than rounding
+_SMALL = 1e-4  # below this angle series stand for sine and cosine [rad]: off by less than rounding; less loses digits
 
 
 class Mover(NamedTuple):
@@ -188,7 +188,7 @@ def tip_jacobian(mover: Mover, subspaces: Floats, tip: Vector3, jacobian_out: Fl
 
 
 _STEPS = 30  # of Newton's method, at most
-_ARRIVED = 1e-6  # accuracy with which the point is reached [m], at size 1
+_ARRIVED = 1e-6  # accuracy with which the point is reached [m], at size 1; far below `ON_PLANE` of guide/rounds.py
 _LONGEST = 0.4  # no joint moves more than this in a step [rad, or m at size 1]
 _OWN = 0.05  # added to the lever of a turn, so that one about the tip itself isn't free [m], at size 1
 

@@ -3,7 +3,7 @@
 Damped least squares whose damping follows the squared error (T. Sugihara, "Solvability-unconcerned inverse kinematics
 by the Levenberg-Marquardt method", IEEE T-RO 27(5), 2011). The error is what exceeds the tolerances; coordinates rest
 on their limits while the error pushes them outward. A lane whose descent has ended takes the next start; where a
-descent ends doesn't depend on its neighbours. Constants change which solutions are found, and so plans.
+descent ends doesn't depend on its neighbours. Constants change the solutions found, so plans, and what refusals state.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ from guidefield.kernels.kinematics.forward_kinematics import axis_rotation, quat
 from guidefield.kernels.linalg.small_systems import solve_three
 
 BALL, FREE, UNIVERSAL = range(3)  # kinds of joints of a chain; FREE is the first of a chain that nothing holds
-_CLOSED = 1e-7  # by how much a closed chain may miss its target [m]; far below `ON_PLANE` of guide/rounds.py
+_CLOSED = 1e-7  # by how much a closed chain may miss its target [m]; far below `ON_PLANE` (guide/rounds.py), at size 1
 _CLOSING_ROUNDS = 12  # of Newton's method; after them a chain counts as one that can't be closed
 _LARGEST_TURN = 0.4  # no link turns more than this in a round of closing [rad]
 

@@ -1,7 +1,7 @@
 """A pose times a point or an axis, and back, in the three ways that kernels hold poses.
 
 A *placement* is a matrix (3, 4), rotation and translation; a *pose* the same twelve numbers flat, row by row; *poses*
-are those of sixteen configurations in lanes, joint by joint. Lengths in m.
+are those of sixteen configurations in lanes, joint by joint. Lengths in m. Another order of sums may change last bits.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A chain of joints from the world to a tip in local coordinates, in lanes: the tip's offset from a pose, and rates.
 
 Inverse kinematics, path constraints of trees and of the optimizer share it; `robot/group/kinematics.py` makes the
-table.
+table, by these kinds of parts.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ def unit_in_plane(x: float, y: float) -> tuple[float, float]:
 
 
 _ORTHOGONAL = 1e-15  # cosine of columns that count as orthogonal
-_SWEEPS = 30  # most rounds over all pairs; four or five are usual
+_SWEEPS = 30  # most rounds over all pairs; four or five are usual, fewer give other axes, and robots other convex parts
 
 
 @inlined

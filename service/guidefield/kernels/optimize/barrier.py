@@ -4,7 +4,7 @@
 `scene/distance_tables.py` `MovingBodies`. Such an obstacle is on a screw from each placement to the next, at rest
 before the first and after the last, as proofs have it (`kernels/prove/placement.py`).
 
-The optimizer alone reads what stands here, and no proof relies on it: with another `SOFT` (also stated in
+The optimizer alone reads what stands here, and no proof relies on it: with another `SOFT` (above 0, also in
 service/docs/algorithm.md) or `STEEPNESS` it finds other motions.
 """
 

@@ -38,7 +38,7 @@ class MotionLimits(NamedTuple):
 
 LIMITS = numba_type(MotionLimits)
 
-REACHED = 1.0 + 1e-9  # share of a limit up to which the velocity next to an end may go, for rounding
+REACHED = 1.0 + 1e-9  # share of a limit up to which velocities next to an end may go: rounding, docs allow a millionth
 
 
 @uncounted

@@ -57,7 +57,7 @@ from guidefield.kernels.optimize.penalties import (
     load_penalty,
 )
 
-ENDS = 3  # control points at each end that are the end's
+ENDS = 3  # control points at each end that are its own: no setting, as in `limit_barrier`, planner/motion/bspline.py
 
 
 class MotionEnds(NamedTuple):

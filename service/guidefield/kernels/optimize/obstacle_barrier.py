@@ -11,7 +11,7 @@ changes by
 so that the barrier has a derivative by time, and Gauss and Newton's Hessian one by time and configuration.
 
 The optimizer lowers it and no proof reads it: another formula leads to other motions. `MARGIN` and `MOST` cost time
-alone.
+and memory alone.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, frame
 from guidefield.kernels.optimize.clearance_model import add_gradient
 from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 
-SAMPLES = 5  # about a place, an odd number, here and in planner/optimize/passages.py: the middle one is there
+SAMPLES = 5  # about a place, an odd number above 1, here and in planner/optimize/passages.py: the middle one is there
 
 
 class TipPlane(NamedTuple):

@@ -9,7 +9,7 @@ at least, and so in space. Bodies are rigid: v(x) = v + omega x x. So n.(x + s v
 the farthest points along two turned directions tell. It is concave in s, and least at one of both ends. Any direction
 will do: the last one is tried before GJK searches the nearest points. A ball about a node needs no direction: it
 moves no farther than its centre and its own turning together. Rows of the log become proofs (`prove/proof.py`), which
-the referee replays without searching. `NODE_ROUNDS` and `RATE` are a matter of speed.
+the referee replays without searching. `NODE_ROUNDS` and `RATE` change time and how many segments: streams limit them.
 """
 
 from __future__ import annotations

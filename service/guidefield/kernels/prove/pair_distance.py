@@ -2,8 +2,8 @@
 
 Proofs judge no other pairs than those listed (`search.py`, `samples.py`): a list may name a pair that is far, and must
 not miss a near one. Each pair's next search begins with the axis and the leaves of its last one (`DistanceQuery.last`):
-a matter of speed. Distances from a moving obstacle are less by what is kept in addition, as it may have left its
-motion.
+this changes time, and distances within `SLACK`. Distances from a moving obstacle are less by what is kept in addition,
+as it may have left its motion.
 """
 
 from __future__ import annotations
@@ -77,10 +77,7 @@ def squared_gap(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
 
 @uncounted
 def kept_in_addition(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
-    """Return the additional distance kept between a pair, as its obstacle may have left its motion [m]; else 0.
-
-    Distances of pairs are less by so much.
-    """
+    """Return the additional distance kept between a pair, as its obstacle may have left its motion [m]; else 0."""
     if pair < moving.pairs.own.shape[0]:
         return 0.0
     mover = moving.obstacles.movers[obstacle_of(moving.pairs, moving.obstacles, pair)]

@@ -193,7 +193,7 @@ def find_ranges(curves: Blocks, low: RowsOut, high: RowsOut) -> None:
 
 
 TWIST = 6  # numbers of a twist
-SMALL_ANGLE = 1e-4  # series stand for sine and cosine below [rad], off by less than rounding: far less loses digits
+SMALL_ANGLE = 1e-4  # below [rad] series stand for sine and cosine, as exact as rounding; much more or less loses digits
 
 NOW, LOOK, MOMENT = range(3)
 """Numbers of a moment: the time [s] and the number of the placement; then how many there are."""

@@ -1,8 +1,8 @@
 """Smallest distances at samples: of a motion, as first answers of its search, and of single configurations.
 
 They are measured at places, and prove nothing in between. Small first answers let a search leave out more: constants
-but `LIST` change how soon it ends, not its verdict; in contact, where it measures no more, `STEPS` changes the depth
-that replies have. Its parts are compiled into `search.py`: what is long is called from one place, in a loop.
+but `LIST` change how soon it ends and where it finds a distance within the tolerance, not its verdict; in contact
+`STEPS` changes the depth that replies have. Parts are compiled into `search.py`: long ones are called once, in a loop.
 
 At configurations `prove/closest.py` asks for the closest pairs, at most `CANDIDATES` of each kind: -1 and -2 among them
 mean "no more pairs" and "more than that".
@@ -65,12 +65,12 @@ APART, WHEN = range(2)  # columns of `Search.latest`: a pair's last known distan
 STEPS = 3
 """Number of times that the surroundings of the smallest sample are searched, each time half as far away. Unrecorded."""
 
-FIRST_REACH = 0.2  # obstacles are first listed within this distance of the robot, then within twice as much [m]
-FARTHEST = 1e10  # no obstacle with an end is farther away than this [m]: messages allow places within 1e9 m
+FIRST_REACH = 0.2  # obstacles are first listed within this distance of the robot, above 0, then twice as much [m]
+FARTHEST = 1e10  # no obstacle with an end is farther away [m], so it may only grow: messages allow places within 1e9 m
 ALL_AT_ONCE = 128  # of no more obstacles all are listed at once
-LIST = 20_000  # maximum number of pairs that are listed at a placement or in a segment
+LIST = 20_000  # pairs listed at a placement, where more aren't measured, or in a segment, which is halved for more
 
-CANDIDATES = 12  # pairs returned for each configuration and kind of pair, at most
+CANDIDATES = 12  # pairs returned of a configuration and kind, at least 1: with more Coal measures all, ties may change
 
 
 class Search(NamedTuple):

@@ -7,10 +7,10 @@ each two nodes of its bodies' trees are separated by their spheres or by a slab 
 segment is halved for the pairs that are left.
 
 What has to be kept is the larger one of the margin and of the smallest distance found so far less the tolerance. As
-segments are judged in their order, the search ends at the first violation, to the resolution. `prove/search.py` calls
-it and checks the deadline in between; questions and verdict are rows of `tables`. `ALL_AT_ONCE` and `longest` are
-a matter of speed, `FINE` and `DEEPEST` of where it gives up; `LIST` bounds memory: where more pairs stay near in
-segments however short, nothing is found before time is up.
+segments are judged in their order, the search ends at the first violation, to the resolution. `prove/search.py` and
+`stream/commit.py` call it, with a limit of segments; questions and verdict are rows of `tables`. `ALL_AT_ONCE` and
+`longest` change time and the count of segments, `FINE` and `DEEPEST` where it gives up; `LIST` bounds memory: where
+more pairs stay near in segments however short, nothing is found before time is up.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ from guidefield.kernels.prove.tables import (
     required_distance,
 )
 
-DEEPEST = 48  # maximum number of times that a segment is halved: no number is between its ends after that
+DEEPEST = 48  # most halvings of a segment in a call: it may only grow, as callers have 3 times as many rows, unchecked
 BEGINS, ENDS, INTERVAL = range(3)  # columns of a segment that waits: its begin and end; then their number
 
 SINCE_LEVEL, UNTIL_LEVEL, START, COUNT, LEVEL = range(5)

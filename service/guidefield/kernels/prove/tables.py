@@ -1,7 +1,7 @@
 """Tables of a robot, of obstacles at rest and in motion, of the pairs between them, and of a motion; rows of answers.
 
-`prove/tables.py` and `stream/obstacles.py` fill them, all kernels of this folder read them. `prove/search.py` and the
-certificate read columns of questions and verdicts.
+`prove/tables.py` and `stream/obstacles.py` fill them, all kernels of this folder read them. `prove/search.py` and
+`stream/commit.py` write and read columns of questions and verdicts.
 """
 
 from __future__ import annotations
@@ -136,8 +136,8 @@ judged; then how many there are."""
 OWN_PAIRS, AT_REST, IN_MOTION = 1, 2, 4
 """Kinds of pairs: of the robot itself, with obstacles at rest, and with those that move."""
 
-FREE, IN_CONTACT, TOO_CLOSE, UNDECIDED = range(4)  # reasons
-NEARLY = 1e-5  # bodies closer than this are measured by Coal: kernels find no depth [m]
+FREE, IN_CONTACT, TOO_CLOSE, UNDECIDED = range(4)  # reasons; at one place contact comes before too close, as less
+NEARLY = 1e-5  # bodies closer than this are measured by Coal, as kernels find no depth, or count as contact [m]
 
 
 @uncounted

@@ -87,7 +87,7 @@ def lanes_of(array: Any) -> int:
 
 
 def smallest_gap(lanes: Any) -> float:
-    """Least height and least distance to a corner [m]: keeps points on a surface finite, changes nothing else."""
+    """Least height and distance to a corner [m], lest fields be infinite; in kernels it is `vector._smallest_gap`."""
     return 1e-15 if is_double(lanes) else 1e-6
 
 

@@ -3,7 +3,7 @@
 Dynamic programming over time, step by step, in a tube about the path: its places, and some steps beside them to some
 sides. On the path alone all states are examined; beside it the most promising ones at each step. `stream/dodging.py`
 ranks paths by the cost and leads pieces along the schedule: each is proven by itself, so that constants decide how well
-a stream dodges, not whether it is safe.
+a stream dodges, and to what kept journals replay, not whether it is safe.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from guidefield.kernels.jit.arrays import Floats, Floats32, IndexRows, Indices, 
 from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.linalg.small_systems import write_stable_order
 
-FADING = 1.0  # a prediction this far ahead counts half [s]: what drifts may turn
+FADING = 1.0  # a prediction this far ahead counts half [s], above 0: what drifts may turn
 
 ASIDE = 0.05
 """Additional cost of a step beside the path, as a share of it: of paths that are as quick the one nearby is taken."""

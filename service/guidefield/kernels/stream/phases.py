@@ -2,8 +2,8 @@
 
 `stream/commit.py` sends a commit only if `broken_limit` finds none: nothing else in a stream checks limits of joints;
 those of speeds in space it checks itself, and `kernels/prove` proves what a commit keeps from obstacles. The judge
-trusts nothing of `piece_and_braking` but its columns. So another rule there, of the quickest change of velocity within
-its jerk or of the hardest braking, changes how a stream moves, and can't break a limit; `EXACT` can.
+trusts nothing of `piece_and_braking` but its columns. So another rule there, of the quickest change of velocity or the
+hardest braking, changes how a stream moves, and to what kept journals replay, but breaks no limit; `EXACT` can.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from guidefield.kernels.prove.samples import new_search
 from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
 
 BEGIN, VALUE, VELOCITY, ACCELERATION, JERK = range(5)  # columns of a phase: its begin [s], and the state there
-PHASE = 5  # their number
+PHASE = 5  # their number; files of journals have them
 EXACT = 1e-9  # a commit may break a limit of rates or jump by this, for rounding: share of the limit, or [rad or m, s]
 
 MOST_PHASES = 9  # of a coordinate: up to four of a piece, three of braking, one of standing; nothing checks it

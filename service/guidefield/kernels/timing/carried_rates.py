@@ -10,8 +10,8 @@ one, or are turned. So with X = x_1 + ... + x_k up to a joint, and D its change 
     |p''''| <= sum R (x4 + D(4 X1 X3 + 3 X2² + 6 X1² X2 + X1⁴))
 
 R grows by at most what the joints after it move the point. Over a time h a vector is within h²/8 times the bound of its
-second derivative from the chord, whose length is largest at an end. Limits of speeds in space rest on these bounds:
-constants trade time for how close they are.
+second derivative from the chord, whose length is largest at an end. Limits of speeds in space rest on these bounds,
+which hold whatever the constants are; docs/certificate.md promises them within 0.1 %, for which those must suffice.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ has by the joints up to one, with X their sums and D their changes, is
     |J_i''| <= R_i (X2_i + X1_i²) + sum over later joints R (x2 + D(X1²))
 
 Limits of torques rest on these bounds (`planner/task/effort.py`): they hold whatever `CLOSER`, `HALVINGS` and
-`EXCESS` are. But docs/motions.md and replies promise them within 1 %, for which `HALVINGS` must suffice and `EXCESS` be
-less. With more of `SAME` jumps of torques at knots are overlooked.
+`EXCESS` are. But docs/motions.md and replies promise them within 1 %, docs/certificate.md within 1e-4 at a limit: for
+that `HALVINGS` must suffice and `EXCESS` not grow. With more of `SAME` jumps of torques at knots are overlooked.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """RRT-Connect within path constraints: the trees of rrt_connect.py, whose every step is brought onto the constraints.
 
 After CBiRRT (Berenson et al., ICRA 2009): a stride towards a sample is corrected by Newton's method until the
-constraints hold with some room to spare, so that a thin set of configurations is walked along and not waited for.
-Samples, the nearest nodes, motions and paths are those of rrt_connect.py, without its domains and batches.
+constraints hold with some room to spare. Samples, the nearest nodes, motions and paths are those of rrt_connect.py,
+without its domains and batches. `planner/tree_search.py` sets `Strides`: others give other paths for a seed.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from guidefield.kernels.simd.vector import (
 )
 
 _AHEAD = np.arange(1, LANES + 1, dtype=np.float32)  # which of the next sixteen samples each lane has
-NEAR = 0.75  # the share of samples drawn near a way, as service/docs/algorithm.md says; the others fill the box
+NEAR = 0.75  # the share of samples, above 0, drawn near a way, as service/docs/algorithm.md says; others fill the box
 WHOLE = 0.9999  # a range of at least this share of a turn counts as the whole turn
 
 

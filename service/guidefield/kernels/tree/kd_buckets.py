@@ -1,9 +1,9 @@
 """Nearest among very many nodes: buckets of 32, split at the median; boxes about sixteen of them tested at once.
 
 A node goes where the splits send it, so boxes overlap little; the search asks the boxes alone, so it is exact whatever
-they are: which coordinate is split is a matter of speed. Where it is split isn't: both halves get 16 nodes, by which
-`buckets_for` has room, which nothing checks. Angles that wrap are kept between half a turn and minus that; a box is its
-middle and half of its sides, and how far a point is from it is measured the short way round, too.
+they are: which coordinate is split costs time, or decides ties. Where it is split matters: both halves get 16 nodes, by
+which `buckets_for` has room, which nothing checks. Angles that wrap are kept between half a turn and minus that; a box
+is its middle and half of its sides, and how far a point is from it is measured the short way round, too.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ KNOWN, COUNT, ENTRIES, STATE = 0, 1, 2, 3
 _SPLIT, _LOWER, _UPPER, _ENTRY = 0, 1, 2, 3
 """Places in an entry: the coordinate that is split, or -1 of a bucket; what is below, or the bucket; what is above."""
 
-_CERTAIN = 0.9999  # a box is passed by if even this share of its distance squared in float32 is too far
+_CERTAIN = 0.9999  # a box is passed by if even this share of its distance squared in float32 is too far; may shrink
 
 
 class Buckets(NamedTuple):

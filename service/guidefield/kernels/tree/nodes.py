@@ -2,7 +2,7 @@
 
 `planner/tree_search.py` makes the arrays of `TreeSearch`, and reads path and counters; `rrt_connect.py` and
 `constrained_connect.py` grow the trees in them. `RANGE` changes which path a seed gives, not whether it is free; `LATE`
-only the time, as buckets are exact.
+the time, and the path by rounding and ties alone, as buckets are exact.
 """
 
 from __future__ import annotations

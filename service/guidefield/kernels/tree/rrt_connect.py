@@ -3,8 +3,8 @@
 Dynamic domains are those of Yershova (2005). Of many extensions nearly all fail where a tree has to find out of
 somewhere narrow: after a while sixteen are chosen at a time, and their ends are judged at once by what is quick to see.
 The kernel runs a bounded number of iterations and can be called again to go on, so a deadline or a cancellation is kept
-without a clock in the kernel, and the same seed gives the same path whatever the load. Constants are for speed: another
-value changes which path a seed gives, not whether a path is free.
+without a clock in the kernel, and the same seed gives the same path whatever the load. By another constant a seed gives
+another path, or none until the search is given up; what it gives is free at samples.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from guidefield.kernels.tree.nodes import (
     step_towards,
 )
 
-SIEVE = 32  # number of inner balls that met an obstacle and are tried before any other
+SIEVE = 32  # number, at least 1, of inner balls that met an obstacle and are tried before any other
 FEW = 4  # if these balls leave at most this many configurations undecided, the others aren't tried
 
 

@@ -1,6 +1,6 @@
 """Shortcuts of a path in SIMD batches: detours left out, then free straight motions between places on it.
 
-Places come from a fixed sequence that fills the square of pairs evenly: the same path is shortened to the same one.
+Places come from a fixed sequence that fills the square of pairs evenly: another gives other paths, as free at samples.
 """
 
 from __future__ import annotations
