@@ -136,9 +136,9 @@ class _ResultRecord(msgspec.Struct, omit_defaults=True):
     error: msgspec.Raw = msgspec.Raw()
 
 
-class _Answer(msgspec.Struct):
+class _AnswerStatus(msgspec.Struct):
     code: int = Status.SUCCESS
-    status: _Answer | None = None
+    status: _AnswerStatus | None = None
 
     def outcome(self) -> int:
         """Return the code of a reply's status, or of an error; a reply without a status is a success."""
@@ -148,8 +148,8 @@ class _Answer(msgspec.Struct):
 class _Result(msgspec.Struct):
     line: int
     request: str
-    reply: _Answer | None = None
-    error: _Answer | None = None
+    reply: _AnswerStatus | None = None
+    error: _AnswerStatus | None = None
 
 
 class Results:
@@ -201,7 +201,7 @@ class Results:
         line = _ResultRecord(item.line, item.content, **{"reply" if outcome.is_reply else "error": raw})
         self._file.write(msgspec.json.encode(line) + b"\n")
         self._file.flush()
-        self._note(item.line, msgspec.json.decode(outcome.payload, type=_Answer).outcome())
+        self._note(item.line, msgspec.json.decode(outcome.payload, type=_AnswerStatus).outcome())
 
     def _lock(self) -> None:
         """Keep other processes out, where the file system has locks."""
@@ -225,7 +225,7 @@ class Results:
                 result = self._decode(text)
                 known = 0 < result.line < len(self._wanted) and self._wanted[result.line] != BLANK
                 if known and f"{self._wanted[result.line]:016x}" == result.request:
-                    self._note(result.line, (result.reply or result.error or _Answer()).outcome())
+                    self._note(result.line, (result.reply or result.error or _AnswerStatus()).outcome())
         return end
 
     def _decode(self, text: bytes) -> _Result:

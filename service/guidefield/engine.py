@@ -263,8 +263,8 @@ class Engine:
 
         Args:
             robots: Robots of the catalog.
-            recorder: Whether recordings are rendered here, too, as they are for a viewer: loading that takes as long,
-                and as much memory, as all the rest.
+            recorder: Whether recordings are rendered in this process, too, for a viewer: loading that takes as long
+                as all the rest, and as much memory.
 
         Raises:
             RobotInvalid: if a robot is unknown or can't be used.

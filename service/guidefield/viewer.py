@@ -1,6 +1,6 @@
 """Rerun's viewer in a process of its own: find it, start it if none listens, and send recordings to it.
 
-A viewer that is started here listens on loopback alone, and must: recordings are shown to whoever connects.
+A viewer started here listens on loopback alone, and must: it asks for no password.
 """
 
 from __future__ import annotations

@@ -282,7 +282,7 @@ def _bytes_of(array: np.ndarray) -> memoryview:
 @functools.cache
 def _sources(module: str) -> str:
     """Hash NumPy's and Coal's versions, a module, and all that it imports of `_PACKAGES`, directly or not."""
-    import coal  # whoever computes an entry has loaded it
+    import coal  # loaded already where an entry is computed
 
     found: set[str] = set()
     waiting = {module}

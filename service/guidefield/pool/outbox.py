@@ -36,7 +36,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class _Answer:
+class _OutgoingAnswer:
     size: int
     send: Callable[[], None]
 
@@ -46,7 +46,7 @@ class _ClientQueue:
     """The answers that wait for one client; busy while one of them is sent, or will be by the thread that polls."""
 
     user: str
-    answers: deque[_Answer] = field(default_factory=deque)
+    answers: deque[_OutgoingAnswer] = field(default_factory=deque)
     size: int = 0
     busy: bool = False
 
@@ -78,7 +78,7 @@ class Outbox:
         self._poll = poll
         self._polls = False
         self._poller: int | None = None  # the polling thread
-        self._own: deque[tuple[object, _Answer]] = deque()  # answers that it sends itself
+        self._own: deque[tuple[object, _OutgoingAnswer]] = deque()  # answers that it sends itself
         self._sending: tuple[str, float] | None = None  # the user it sends to, and since when
         self._slow: dict[str, float] = {}  # users it sends nothing to, and until when
         self._sent_at = 0.0
@@ -110,7 +110,7 @@ class Outbox:
                 queue = self._queues[key] = _ClientQueue(user)
             self._loads[user] = load
             self._add(queue, load, size, 1)
-            answer = _Answer(size, send)
+            answer = _OutgoingAnswer(size, send)
             if queue.busy or queue.answers:
                 queue.answers.append(answer)
             elif self._poller == threading.get_ident() and load.may_send() and user not in self._slow:
@@ -169,7 +169,7 @@ class Outbox:
         while (chosen := self._next()) is not None:
             self._send(*chosen)
 
-    def _send(self, key: object, answer: _Answer) -> None:
+    def _send(self, key: object, answer: _OutgoingAnswer) -> None:
         try:
             answer.send()
         except Exception:  # the thread must outlive it, and there is nobody to tell
@@ -177,7 +177,7 @@ class Outbox:
         with self._lock:
             self._settle(key, answer)
 
-    def _next(self) -> tuple[object, _Answer] | None:
+    def _next(self) -> tuple[object, _OutgoingAnswer] | None:
         """Return the next answer to send; None if there was none for `IDLE_TIME_S`, or the outbox is closed."""
         with self._lock:
             self._idle += 1
@@ -202,7 +202,7 @@ class Outbox:
         """Return the first user with answers to send who doesn't have too many threads."""
         return next((user for user in self._ready if self._loads[user].may_send()), None)
 
-    def _settle(self, key: object, answer: _Answer) -> None:
+    def _settle(self, key: object, answer: _OutgoingAnswer) -> None:
         queue = self._queues[key]
         load = self._loads[queue.user]
         queue.busy = False
@@ -233,7 +233,7 @@ class Outbox:
             if self._poller == me:  # another thread may have its number later
                 self._poller = None
 
-    def _next_own(self, me: int) -> tuple[object, _Answer] | None:
+    def _next_own(self, me: int) -> tuple[object, _OutgoingAnswer] | None:
         with self._lock:
             if self._poller != me:
                 return None

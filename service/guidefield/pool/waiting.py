@@ -3,7 +3,7 @@
 Theory of operation. A free worker goes to the user who has the fewest workers; of equal users, to the one whose turn it
 is by start-time fair queueing (Goyal, Vin and Cheng, 1996): a user's turn moves on by the processor time that it got,
 and a user without tasks that wait begins where the queue is. Of equal turns the user with the fewest tasks comes first.
-So a user who asks for little waits for one free worker at most, however many others wait. The clients of one user
+So a user of few requests waits for one free worker at most, however many others wait. The clients of one user
 take turns. If the queue is full, a user with fewer tasks in it pushes out the last task of the user with the most.
 
 Long requests may occupy all workers when another user comes. So one more worker stands by: it takes only tasks that
@@ -354,7 +354,7 @@ class Waiting:
         return task
 
     def _held_up(self, now: float, worked: float = math.inf) -> str | None:
-        """Return the first user without a worker who waits for too long, if a task that took `worked` may give way."""
+        """Return the first user who has waited too long without a worker, if a task that took `worked` may give way."""
         heads = {user: line.next() for user, line in self._lines.items() if not self._running[user]}
         held = [
             user

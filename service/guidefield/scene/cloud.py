@@ -75,7 +75,7 @@ def cloud_rows(points: Floats, spacing: Floats | float, charge: float = 1.0) -> 
 
 
 CELL = 0.04  # sides of the cells of a cloud's grid of distances [m], where that doesn't make too many
-MOST_CELLS = 4_000_000  # about so many at most: with more, cells are larger
+MOST_CELLS = 4_000_000  # at most, about: with more, cells are made larger
 MOST_PLACES = 2**24  # never more, also of flat clouds: places of cells have to be whole numbers in float32
 AROUND_POINTS = 0.1  # how far the grid goes beyond the points [m]
 

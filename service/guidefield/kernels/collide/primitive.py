@@ -296,14 +296,14 @@ def gaps_from_ball(placed: Rows, ball: Row, rounding: float, least: RowOut, most
         most[i] = max(apart - within + ball[3], 0.0) + wider
 
 
-class _Scene(NamedTuple):
+class _ObstaclesWithParts(NamedTuple):
     """Obstacles and their shapes."""
 
     obstacles: LaneObstacles
     parts: Parts
 
 
-_scene_of = unpacked(numba_type(_Scene))
+_scene_of = unpacked(numba_type(_ObstaclesWithParts))
 
 
 @inlined

@@ -3,7 +3,7 @@
 Columns are those of `triangle_distance.SurfaceTables`. The tree of a small surface is that of
 `geometry/distance_bodies.py` `node_count`: nodes and rows have to be laid out alike there. `FEW` is a matter of speed,
 `FLAT` chooses the axes of boxes, which hold their surface in any. With a larger `NOTHING` thin triangles lose their
-normals, by which signs of distances are told.
+normals, which decide the signs of distances.
 """
 
 from __future__ import annotations

@@ -107,7 +107,7 @@ def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
     """
     shift = np.asarray(origin, dtype=np.float64) - tables.origin
 
-    def moved(rows: np.ndarray, *columns: int) -> np.ndarray:
+    def shift_rows(rows: np.ndarray, *columns: int) -> np.ndarray:
         result = rows.copy()
         for column in columns:
             result[:, column : column + 3] -= shift
@@ -117,16 +117,16 @@ def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
     planes[:, OFFSET] -= planes[:, :3] @ shift
     return tables._replace(
         origin=frozen(tables.origin + shift),
-        boxes=moved(tables.boxes, 0),
-        vertices=moved(tables.vertices, 0),
-        triangles=moved(tables.triangles, 0),
-        quads=moved(tables.quads, 0),
-        nodes=moved(tables.nodes, 0),
+        boxes=shift_rows(tables.boxes, 0),
+        vertices=shift_rows(tables.vertices, 0),
+        triangles=shift_rows(tables.triangles, 0),
+        quads=shift_rows(tables.quads, 0),
+        nodes=shift_rows(tables.nodes, 0),
         reach=frozen(tables.reach.astype(np.float32)),
-        spheres=moved(tables.spheres, 0),
-        capsules=moved(tables.capsules, 0, OTHER_END),
+        spheres=shift_rows(tables.spheres, 0),
+        capsules=shift_rows(tables.capsules, 0, OTHER_END),
         planes=frozen(planes.astype(np.float32)),
-        cloud=moved(tables.cloud, 0),
+        cloud=shift_rows(tables.cloud, 0),
     )
 
 

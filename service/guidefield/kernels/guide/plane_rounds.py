@@ -1,6 +1,6 @@
 """Rounds towards a guide plane: the tip advances, the arm descends by Projected, the path is straightened.
 
-One call takes as many as its record has room for (`ROUNDS_PER_CHECK` of rounds.py between checks of the deadline).
+One call makes at most `ROUNDS_PER_CHECK` of rounds.py, between two checks of the deadline: its record has no more room.
 service/docs/algorithm.md, "Crossing a guide plane". rounds.py (`approach`) and guided_path.py of planner/guide do the
 same step by step for other minimizers, and for robots whose motions capsules can't judge alone: a rule changed here
 is to be changed there. rounds.py also reads `Record`.

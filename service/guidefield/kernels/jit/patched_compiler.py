@@ -198,7 +198,7 @@ class _Loading(CompileResultCacheImpl):  # type: ignore[misc]
         for initialize in reload_init:
             initialize()
         callable_by = (fndesc.mangled_name, fndesc.llvm_cpython_wrapper_name, fndesc.llvm_cfunc_wrapper_name)
-        library = _KernelLibrary.kept(target_context.codegen(), kept, callable_by)
+        library = _KernelLibrary.load_kept(target_context.codegen(), kept, callable_by)
         for one in referenced:
             library.codegen.set_env(one.env_name, one)
         return CompileResult(
@@ -343,8 +343,8 @@ class _KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._shared = module
 
     @classmethod
-    def kept(cls, codegen: Any, state: Any, callable_by: Iterable[str]) -> _KernelLibrary:
-        """One that was kept: its machine code is ready to be called, by those of some names that it has."""
+    def load_kept(cls, codegen: Any, state: Any, callable_by: Iterable[str]) -> _KernelLibrary:
+        """Load a kept one: its machine code is ready to be called, by those of some names that it has."""
         name, _, (machine_code, bitcode) = state
         library = cls(codegen, name)
         library.enable_object_caching()

@@ -2,8 +2,9 @@
 """Nested named tuples of arrays and whole numbers: as pointers, and as one array of words for a call from Python.
 
 A call that passes fifty arrays takes ten microseconds to look at each; one that passes their addresses takes a third of
-a microsecond. The words hold addresses: whoever packs a tuple has to keep it. `pointed`, `pack` and `unpacked` know the
-same types in the same order. Also blocks of sixteen points, as tables in float32 have them, and a fused product.
+a microsecond. The words hold addresses, so a packed tuple has to live as long as they are used. `pointed`, `pack` and
+`unpacked` know the same types in the same order. Also blocks of sixteen points, as tables in float32 have them, and a
+fused product.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from lxml import etree
 
 from guidefield.errors import RobotInvalid
 
-MAX_MESHES = 1_000  # most files with a robot; clients are told this and the next (`endpoint/rules.py`)
+MAX_MESHES = 1_000  # most files with a robot; clients learn this and the next (`endpoint/rules.py`)
 MAX_MESH_BYTES = 32 * 2**20
 MAX_DEPTH = 3  # a file may name files that name files: an .obj materials, these textures
 
