@@ -32,12 +32,12 @@ RENDERED_SCENES = Limit(4, 2**29)  # built scenes of the process that renders re
 OBSTACLES = Limit(512, 2**27)  # obstacles other than primitives at rest, by content, with sizes as in `BUILT_SCENES`
 BYTES_PER_FACE = 512  # memory of a triangle, or a point of a cloud, with its tables
 MESH_TREES = Limit(128, 2**29)  # trees of robots' meshes, by their vertices
-PLACED_MESHES = Limit(1024, 2**27)
-"""Tables of meshes placed in their links, which a robot with a new held object reuses."""
+PLACED_MESHES = Limit(1024, 2**27)  # tables of meshes placed in links, which a robot with a new held object reuses
 TRIANGULATIONS = Limit(256, 2**27)  # triangles of Coal's meshes, by their vertices
 SOLIDS = Limit(256, 2**26)  # solids of meshes, while a robot is prepared
 BYTES_PER_SOLID_FACE = 512  # memory of a triangle of a solid
-ROBOTS = Limit(32, 2**30)  # loaded robots; their tables count in `FOUND`
+ROBOTS = Limit(32, 2**30)
+"""Loaded robots, whose tables count in `FOUND`, by entries alone; `Catalog.origin` fails where one was evicted."""
 ROBOT_LINES = Limit(1000, 2**24)  # lines about robots that were sent
 ENGINES = Limit(100, 2**30)  # engines of users, which share what they load
 OPEN_STORES = Limit(100, 2**20)  # open stores of users

@@ -1,7 +1,7 @@
 """Potential, force and torque of a robot's charged points in a scene's field, and of its links in each other's.
 
-Formulas are those of docs/algorithm.md. Descents use `SINGLE`, plots of recordings `COARSE`, replies about potentials
-`DOUBLE`; nothing that is certified rests on a field.
+Formulas are those of docs/algorithm.md. Descents use `SINGLE`, plots of recordings `COARSE` (both are compiled for
+single precision alone), replies about potentials `DOUBLE`; nothing that is certified rests on a field.
 """
 
 from __future__ import annotations

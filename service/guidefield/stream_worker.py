@@ -38,12 +38,12 @@ if TYPE_CHECKING:
     from guidefield.stream.journal import Journal
     from guidefield.stream.stream import CertifiedStream, GoalSearch
 
-MAX_MESSAGES_PER_CYCLE = 256  # messages that a cycle takes at most, so that it ends although a sender never pauses
+MAX_MESSAGES_PER_CYCLE = 256  # so a cycle ends although a sender never pauses; with few, stale updates are answered
 # number of goals whose configurations may be searched at the same time; docs/wire.md tells it: after a change,
 # `tools/wire_page`
 MAX_GOAL_SEARCHES = 8
-NICENESS = -10  # of a stream's process, where the system allows one below 0
-REHEARSAL_UPDATES = 3  # updates answered on a stream of trial before it opens, so that everything is loaded
+NICENESS = -10  # of a stream's process, where the system allows one below 0; below `YIELDING` (stream/path_planner.py)
+REHEARSAL_UPDATES = 3  # updates answered on a stream of trial before it opens; with fewer the first answers are late
 FAR_AWAY = Placement((0.0, 0.0, 50.0))  # of an observed obstacle in those
 
 _log = logging.getLogger(__name__)

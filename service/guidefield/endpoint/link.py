@@ -54,7 +54,7 @@ LEASE = 10.0
 It is Zenoh's own: with 2 s a service on a busy machine lost its links, and with them the answers.
 """
 LONGEST_MESSAGE = 4 * codec.MAX_REQUEST_BYTES
-"""Size of the largest message; Zenoh drops a larger one silently, payloads beyond their limit are refused [bytes]."""
+"""Size of the largest message [bytes], well above `MAX_REQUEST_BYTES`: Zenoh drops a larger one without an answer."""
 RUNTIME = f"(rx: (worker_threads: 32), tx: (worker_threads: {MAX_THREADS + 4}))"
 """Zenoh's threads, unless the variable ZENOH_RUNTIME says otherwise.
 

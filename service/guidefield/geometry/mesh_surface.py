@@ -29,7 +29,7 @@ from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.surfaces import Surface, extents
 
 _FLAT = 1e-9  # a closed mesh with less volume than this fraction of its size cubed has no inside
-_CHUNK = 4096  # triangles that are examined first or together, before all others
+_CHUNK = 4096  # triangles that are examined first or together, before all others; above 0
 _CONVEX = 1e-7  # how far a mesh may dent in and still be judged by its hull, as a fraction of its size
 
 

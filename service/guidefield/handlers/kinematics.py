@@ -58,7 +58,7 @@ from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
 FRAMES_PER_CHECK = 1024
-"""Configurations at which frames are placed between two looks at the deadline: about a millisecond."""
+"""Configurations between two looks at the deadline: about a millisecond. For more, a reply pauses the collector."""
 POINTS_PER_CHECK = 4096
 """Points at which the field is computed between two looks at the deadline.
 

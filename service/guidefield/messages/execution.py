@@ -347,4 +347,4 @@ KINDS: dict[str, Callable[[SentMotion], bytes]] = {
 }
 """Writers by kind: the first one counts with whose name a file ends, so that `ros.json` has to stand before `json`."""
 CONTROLLER_KINDS = ("ros.json", "yaml", "script")
-"""Those that controllers alone read: the command line exports them of certified executions only."""
+"""Those of controllers, which are exported of certified executions only; others need a writer in arrays.py, too."""

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 
 from guidefield.messages.identities import Asker
 
-MAX_THREADS = 128  # maximum number of answers that are sent at once; `endpoint/link.py` gives Zenoh more threads
+MAX_THREADS = 128  # maximum number of answers that are sent at once; `endpoint/link.py` gives Zenoh four more
 MAX_CLIENT_BYTES = 64 * 2**20  # maximum size of the answers that wait for one client [bytes]
 MAX_UNREAD_BYTES = 2**30  # maximum size of the answers that wait for all clients [bytes]
 MAX_ANSWERS = 10_000  # maximum number of answers that wait

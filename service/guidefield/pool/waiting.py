@@ -110,10 +110,10 @@ class Task(Future[Answer]):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the queue: tasks and bytes, of all clients and of one; for docs/wire.md, `tools/wire_page`."""
+    """Limits of the queue, of all clients and of one; for docs/wire.md, `tools/wire_page`."""
 
-    tasks: int = 64
-    tasks_of_client: int = 64
+    tasks: int = 64  # a service's: `limits_of` in endpoint/service.py
+    tasks_of_client: int = 64  # likewise
     bytes: int = 1 << 30
     bytes_of_client: int = 1 << 28
 

@@ -2,9 +2,8 @@
 
 Kernels search by branch and bound (`kernels.prove.search`), Coal confirms: at the place of a refusal it has to find the
 pair closer than required, within its accuracy; otherwise there is a bug, and an exception instead of an answer.
-`TOLERANCE` and `RESOLUTION_FLOOR` are what replies promise. The other numbers are time, which distance within
-`TOLERANCE` is found, in contact which pair and depth, and what is known when time is up; `LOOKAHEAD_PLACES` may turn an
-undecided refusal into contact or too close, never free into refused.
+`TOLERANCE` and `RESOLUTION_FLOOR` are what replies promise. The others are time, which distance within `TOLERANCE` is
+found, and what is said at each.
 """
 
 from __future__ import annotations
@@ -60,24 +59,25 @@ RESOLUTION_FLOOR = 1e-5
 `docs/certificate.md`."""
 
 EVERY_KIND = OWN_PAIRS | AT_REST | IN_MOTION  # kinds of pairs: the robot with itself, obstacles at rest, moving ones
-SEGMENTS_AT_ONCE = 2000  # number of segments after which the deadline is examined: a few milliseconds
+SEGMENTS_AT_ONCE = 2000  # segments after which the deadline is examined, a few milliseconds; at least 1
 
 LAST_SEGMENTS = 256
-"""Most segments that a verdict may need once time is up: some milliseconds; a Baxter's certificate takes a hundred."""
+"""Most segments that a verdict may need once time is up: some milliseconds; a Baxter's takes a hundred. Not for
+distances; with fewer, motions that are free more often end as STOPPED."""
 
 OWN_SAMPLE_STRIDE = 34
-"""Pairs of the robot with itself are sampled at every 34th sample, and at the last: another number finds other depths
-in contact. With 8 a UR5, whose own pairs are near all along, takes a tenth longer, a Baxter a fiftieth less."""
+"""Pairs of the robot with itself are sampled at every 34th sample, and at the last: another number, at least 1, may
+tell another pair and depth in contact. With 8 a UR5 takes a tenth longer, a Baxter a fiftieth less."""
 
 COARSE_SHARE = 1 / 15
 """In segments longer than this share of the motion only spheres and boxes are examined: twice or half of it takes a
 UR5 and a Baxter longer. Unrecorded."""
 
 SHORT_MOTION = 0.1  # motions no longer than this in any coordinate have no such segments [rad or m]. Unrecorded
-STOPPED_SHARE = 1 / 32  # once time is up, segments no longer than this share of the motion aren't halved any more
+STOPPED_SHARE = 1 / 32  # once time is up, segments of this share aren't halved: larger, bounds are looser; above 0
 
 LOOKAHEAD_PLACES = 8
-"""Places after an undecided one at which contact is searched for, each twice as far ahead as the one before."""
+"""Places after an undecided one at which contact is searched for as the reason, each twice as far ahead as the last."""
 
 _REASONS = {FREE: Reason.FREE, IN_CONTACT: Reason.CONTACT, TOO_CLOSE: Reason.TOO_CLOSE}
 

@@ -44,7 +44,7 @@ PREPARED = {
     ".dae": (re.compile(rb"(<(?:\w+:)?up_axis>)[^<]*"), rb"\1Y_UP"),  # the axis that Assimp leaves alone
     ".off": (re.compile(rb"[ \t]*#[^\r\n]*"), b""),  # a comment may keep Assimp for ever
 }
-"""By kind of file, what is replaced in it before Assimp reads it."""
+"""By kind of file, what is replaced in it before Assimp reads it: as a copy, without other files that it names."""
 
 
 def distinct(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

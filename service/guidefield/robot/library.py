@@ -33,7 +33,7 @@ OURS = "guidefield"  # the source of robots whose URDF is ours
 _PACKAGE = "guidefield.robots"
 _CARD = ".card.json"
 
-MAX_DOWNLOAD_SECONDS = 300.0  # time that the loader may take: the first time it downloads a Git repository [s]
+MAX_DOWNLOAD_SECONDS = 300.0  # time for the loader, which may download a repository; a request may allow less [s]
 STALLED_SECONDS = 20  # git gives up where less than 1 kB/s has come for this time [s]
 
 _LOADER = """

@@ -1,6 +1,7 @@
 """Read a scene from a file of any kind, by its suffix or root element; URDF, MJCF, MoveIt's scenes and meshes here.
 
-Behind `guidefield.Scene.read` and the command line. A further kind needs its suffix in `SUFFIXES`, and a branch.
+Behind `guidefield.Scene.read` and the command line. A further kind, but of clouds or meshes, needs a branch, and its
+suffix, in lower case, in `SUFFIXES` or `XML_SUFFIXES`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ PRIMITIVES: dict[str, tuple[Kind, tuple[str, ...]]] = {
     "cylinder": (Cylinder, ("radius", "length")),
     "cone": (cone, ("radius", "length")),
 }
-"""Class and fields of each shape that has sizes alone; a box has three."""
+"""Class and fields of each shape that has sizes alone: a number each, but three of a box (`_add_shape`)."""
 
 
 def read_moveit_scene(text: str, builder: SceneBuilder) -> None:
@@ -246,7 +247,6 @@ def _height_field(model: Any, index: int) -> dict[str, np.ndarray]:
 
 XML_SUFFIXES = (*sdf.SUFFIXES, ".urdf", ".xacro", ".xml")
 SUFFIXES = (".json", ".scene", *XML_SUFFIXES, *MESH_SUFFIXES, *(one for one in clouds.READERS if one != ".ply"))
-"""Suffixes of the files that are read, in lower case."""
 
 
 def read_scene(

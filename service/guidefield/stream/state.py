@@ -1,6 +1,7 @@
 """The state of a stream: its phases, the events that lead from one to another, the data of each; and its watchers.
 
-A `Snapshot` is stored in journals: names of its fields and of those of its parts, and values of `Phase`, are in files.
+A `Snapshot` is stored in journals: names of its fields and of those of its parts, and values of `Phase`, are in files;
+a further field needs a default, else older files can't be read.
 """
 
 from __future__ import annotations
@@ -20,10 +21,8 @@ from guidefield.stream.dodging import TimedPath
 from guidefield.stream.path_planner import PathOrder
 
 MAX_COMMITS = 64
-"""Most commits that are remembered: the executed one and the last ones; so 63 may wait (docs/stream.md).
-
-No more than `MAX_WAITING_PIECES` of `client/stream_link.py`.
-"""
+"""Most commits that are remembered: the executed one and the last ones; so 63 may wait (docs/stream.md). At least 2, no
+more than `MAX_WAITING_PIECES` of `client/stream_link.py`; another number refuses other updates, in replays too."""
 
 
 class Phase(enum.Enum):

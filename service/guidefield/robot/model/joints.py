@@ -109,7 +109,7 @@ IndexedConfiguration = RobotConfiguration | Configuration
 
 
 class JointKind(enum.StrEnum):
-    """What a joint can do; URDF's words, and `spherical` for a ball joint."""
+    """What a joint can do; the values are words of replies: URDF's, and `spherical` for a ball joint."""
 
     REVOLUTE = "revolute"
     CONTINUOUS = "continuous"

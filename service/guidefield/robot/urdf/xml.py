@@ -55,7 +55,7 @@ EXPAND_IT = "expand it first (xacro robot.urdf.xacro > robot.urdf); a local file
 _XACRO = "http://www.ros.org/wiki/xacro"
 _XACRO_DEFINITIONS = ("macro", "property", "arg")
 _XACRO_CONTENT = ("include", "if", "unless", "insert_block", "call", "element", "attribute")
-"""Elements of xacro that stand for parts of the robot."""
+"""Elements of xacro that stand for parts of the robot: what isn't refused is left out of it, so take none away."""
 _UNDECLARED = "NS_ERR_UNDEFINED_NAMESPACE"  # libxml2's name of the fault that a prefix isn't declared
 _STRICT = {
     "encoding": "utf-8",
