@@ -1,7 +1,7 @@
 """Halves of a surface on either side of planes across an axis: cut triangles, and the points furthest out.
 
-Each plane has two halves: below it, then above. Sums of halves keep their order: the last bits of their furthest points
-choose a robot's convex pieces (`geometry/decomposition.py`). Those of `not_beyond` and `beyond_any` vary by machine.
+Each plane has two halves: below it, then above. Sums of halves keep their order: their last bits choose convex pieces
+(`geometry/decomposition.py`). Those of `not_beyond` and `beyond_any` vary by machine: the latter's order vertices.
 """
 
 from __future__ import annotations

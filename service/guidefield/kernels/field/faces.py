@@ -201,7 +201,7 @@ POINT, NORMAL, PLANE_ROWS = 0, 3, 6
 
 QUADRUPLE, SQUARED, FLATTENED, EDGES, LONGEST, LENGTH, TAU, THIRD, HALF_ROWS = 0, 1, 2, 3, 6, 9, 10, 11, 14
 """Columns of a triangle behind those, and of each half of a quadrilateral: a, a^2, a `FLAT`, L_i^2 (3); t, along the
-longest edge (3), its length, tau, e (3); then how many there are."""
+longest edge (3), its length, tau, e (3); then how many there are. `geometry/charged.py` writes them."""
 
 AFTER, FIRST_VERTEX, PAST_VERTEX, LINK_COLUMNS = 0, 1, 2, 12
 """Columns of a node's links: the node after all below it, a leaf's vertices; then how many columns there are."""

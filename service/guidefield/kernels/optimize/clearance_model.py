@@ -9,8 +9,10 @@ Obstacles that move are where they are at the sample's time, t0 + (i + t) h: its
 of a piece, and by the departure t0 are (i + t) h and 1. With them the barrier's derivatives by time become those by
 both; of the second ones there is what Gauss and Newton's Hessian keeps.
 
-It costs far more than all other terms of an optimisation. So it is evaluated seldom: in between `ClearanceModel`
-represents it, its quadratic expansion; `newton_descent` says how far from there it is trusted.
+It costs far more than all other terms. So it is evaluated seldom: in between `ClearanceModel` represents it, its
+quadratic expansion, as far as `newton_descent` trusts it. Its fields, in the order of `clearance_along`'s outputs, are
+filled in planner/optimize/interior_point.py; `expanded` and `expanded_value` have to be the same function. Blocks are
+laid out alike in `penalties`, `limit_barrier` and `bordered_band`.
 """
 
 from __future__ import annotations
@@ -301,13 +303,8 @@ def expanded(
 ) -> tuple[float, float, float]:
     """A model elsewhere: its value, and its derivatives by u and t0.
 
-    Args:
-        model: The model.
-        points: Control points, shape (n, nv) [rad or m].
-        step: Length of pieces [s].
-        begin: Departure [s].
-        scratch: Shape (4 nv,).
-        gradient_out: Its gradient by the control points, shape (n, nv).
+    `points` (n, nv) are control points [rad or m], `step` is the length of pieces [s], `begin` the departure [s];
+    `scratch` has shape (4 nv,), `gradient_out` gets its gradient by the control points, shape (n, nv).
     """
     n, nv = points.shape
     total, longer, later = model.value, math.log(step / model.step), begin - model.begin

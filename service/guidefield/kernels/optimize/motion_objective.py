@@ -5,8 +5,8 @@
 with u = log h, h the length of each of m pieces, h0 = exp(u0), and t0 the departure: all in all the arrival, in units
 of m h0. The departure may be given. The clearance is its model's, and holds λ. The first three and the last three
 control points are the ends': they are moved by u alone. A further term is added to `objective_value`, with its
-derivatives to `motion_objective`, and to `PenalizedObjective.cost` (planner/optimize/interior_point.py): all three have
-to be the same function.
+derivatives to `motion_objective`, and to `_of_samples` or `_but_clearance` of planner/optimize/interior_point.py: all
+three have to be the same function.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ a · z + b · z' + c · z''. The penalty is
 At the share t of a piece of length h, z = B P, z' = B' P / h and z'' = B'' P / h², with B the basis of the piece's four
 control points. By u = log h a load changes by -b · z' - 2 c · z''. The Hessian is Gauss and Newton's of torques; that
 of speeds, which are convex in velocities, has their curvature too. Another form has to be that of
-`largest_torque_loads` and `largest_speed_loads`, too: by their sums candidates are given up unlooked at.
+`largest_torque_loads` and `largest_speed_loads`, too, by half of whose sums interior_point.py gives candidates up.
 
 *Path constraints.* A constraint's number (`kernels/tree/path_constraints.py`) is v, its limit L. Each of s samples
 along the motion at which it is asked for adds
