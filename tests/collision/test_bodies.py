@@ -144,7 +144,7 @@ def world(name):
 
 def bounds_at(place, middle, half_widths):
     planned = place.group
-    q = planned.expand_from_chart(middle)
+    q = planned.expand_from_local(middle)
     jacobian = pin.computeJointJacobians(place.model, place.data, q)
     centres = place.bodies.centres_in_world(place.joint_placements)
     own, mixed = place.motion_bound.at(jacobian.reshape(1, 6, -1), centres[None], half_widths[None])
@@ -164,7 +164,7 @@ def corners(shape) -> np.ndarray:
 
 def placed(place, z) -> list[pin.SE3]:
     planned, data = place.group, place.model.createData()
-    pin.forwardKinematics(place.model, data, planned.expand_from_chart(z))
+    pin.forwardKinematics(place.model, data, planned.expand_from_local(z))
     return [data.oMi[shape.parentJoint] * shape.placement for shape in planned.geometry.geometryObjects]
 
 
@@ -224,9 +224,9 @@ def test_no_pair_comes_closer_by_more_than_the_bound(name, seed):
     middle, half_widths = random_box(place, rng)
     bounds = bounds_at(place, middle, half_widths)
     planned = place.group
-    before = np.maximum(pair_distances(place, planned.from_chart(middle)), 0.0)
+    before = np.maximum(pair_distances(place, planned.from_local(middle)), 0.0)
     for z in extremes(rng, middle, half_widths):
-        after = np.maximum(pair_distances(place, planned.from_chart(z)), 0.0)
+        after = np.maximum(pair_distances(place, planned.from_local(z)), 0.0)
         assert (before - after <= bounds + 2e-6).all()
 
 

@@ -167,7 +167,7 @@ def test_a_plan_among_moving_obstacles_is_certified_at_its_times_only(title: str
         certify(model=request.robot, scene=request.scene, path=made.path, position_names=made.position_names)
 
 
-def test_a_motion_that_flies_and_turns_is_certified_in_its_chart() -> None:
+def test_a_motion_that_flies_and_turns_is_certified_in_its_local_coordinates() -> None:
     urdf = (
         "<robot name='brick'><link name='l'><collision><geometry><box size='0.3 0.1 0.1'/></geometry></collision>"
         "</link></robot>"
@@ -192,7 +192,7 @@ def sampled_contact(request: requests.CertifyRequest, samples: int = 300) -> boo
     problem, _ = certify_problem(request, robot(request.robot), scene_of(request), Deadline())
     world, curve, margin = problem.world, problem.motion.measured, problem.min_clearance
     for z in curve.evaluate(np.linspace(curve.times[0], curve.times[-1], samples))[0]:
-        q = problem.group.expand_from_chart(z)
+        q = problem.group.expand_from_local(z)
         if world.in_collision(q):
             return True
         if margin > 0.0:
@@ -425,7 +425,7 @@ def test_times_are_those_of_the_scene_and_arrays_may_stand_for_rows(interpolatio
     sampled = []
     for moment, z in zip(times.tolist(), zs, strict=True):
         world = World.build(problem.group, problem.scene.at(moment))
-        q = problem.group.expand_from_chart(z)
+        q = problem.group.expand_from_local(z)
         sampled.append(clearance_at(world, q).obstacle_distance)
     assert min(sampled) - 5e-3 <= reply.clearance.minimum <= min(sampled) + 1e-4
     assert reply.clearance.time == pytest.approx(times[int(np.argmin(sampled))], abs=0.05)

@@ -10,10 +10,10 @@ import guidefield
 from guidefield.errors import InvalidConfiguration, MalformedRequest
 from guidefield.handlers.configurations import (
     Columns,
-    chart_points,
-    chart_rates,
     configurations_from,
     first_positions,
+    local_points,
+    local_rates,
     rates_from,
     require_same_joints,
     velocity_names_of,
@@ -131,9 +131,9 @@ KINDS = ("x slide continuous", "planar y", "floating x", "x mimic", "continuous 
 
 
 def smooth(planned: PlanningGroup, seed: int, rows: int = 9) -> np.ndarray:
-    """Chart points (n, nv) one next to the other, several turns long where angles have no limits."""
+    """Local coordinates (n, nv) one next to the other, several turns long where angles have no limits."""
     rng = np.random.default_rng(seed)
-    z = planned.chart(planned.random(rng)) + np.cumsum(rng.uniform(-0.5, 0.9, size=(rows, planned.nv)), axis=0)
+    z = planned.to_local(planned.random(rng)) + np.cumsum(rng.uniform(-0.5, 0.9, size=(rows, planned.nv)), axis=0)
     for joint in planned.joints:  # a rotation vector stays shorter than a turn
         if joint.kind in ROTATION:
             at = slice(joint.idx_v + joint.nv - 3, joint.idx_v + joint.nv)
@@ -160,10 +160,10 @@ def test_columns_of_a_reply_in_any_order_are_the_same_motion(seed: int, kinds: s
     rows = np.array([planned.wire_positions(point) for point in z])[:, order]
     columns = columns_of(planned, [planned.position_names[k] for k in order])
     placed = started_at(planned, columns, rows)
-    found, warnings = chart_points(columns, rows, placed, "path")
+    found, warnings = local_points(columns, rows, placed, "path")
     assert warnings == []
     for point, given_ in zip(found, z, strict=True):
-        np.testing.assert_allclose(placed.expand_from_chart(point), planned.expand_from_chart(given_), atol=1e-9)
+        np.testing.assert_allclose(placed.expand_from_local(point), planned.expand_from_local(given_), atol=1e-9)
     plain = [j.idx_v for j in planned.joints if j.nv == 1]
     np.testing.assert_array_equal(found[:, plain], z[:, plain])
 
@@ -176,7 +176,7 @@ def test_angles_within_one_turn_go_the_shorter_way(seed: int) -> None:
     wrapped = z.copy()
     wrapped[:, 0] = np.arctan2(np.sin(z[:, 0]), np.cos(z[:, 0]))
     columns = columns_of(planned, planned.position_names)
-    found, warnings = chart_points(columns, wrapped.copy(), planned, "path")
+    found, warnings = local_points(columns, wrapped.copy(), planned, "path")
     np.testing.assert_allclose(np.diff(found, axis=0), np.diff(z, axis=0), atol=1e-9)
     assert len(warnings) == int(np.abs(np.diff(wrapped[:, 0])).max() > np.pi)
 
@@ -188,31 +188,31 @@ def test_velocities_are_tangents(seed: int, kinds: str) -> None:
     z, rates = smooth(planned, seed), np.random.default_rng(seed).normal(size=(9, planned.nv))
     rows = np.array([planned.tangent_map(point) @ rate for point, rate in zip(z, rates, strict=True)])
     columns = Columns.named("velocity_names", planned.velocity_names, planned.robot, VELOCITY_SUFFIXES)
-    np.testing.assert_allclose(chart_rates(columns, rows, planned, z, "velocities"), rates, atol=1e-7)
+    np.testing.assert_allclose(local_rates(columns, rows, planned, z, "velocities"), rates, atol=1e-7)
 
 
 def test_a_follower_may_have_a_column_that_says_what_its_law_says() -> None:
     planned = grouped(box_arm("x mimic", 0))
     columns = columns_of(planned, ["j2", "j1"])
     rows = np.array([[-0.5 * x + 0.2, x] for x in (0.0, 0.4, 1.0)])
-    np.testing.assert_array_equal(chart_points(columns, rows, planned, "path")[0], rows[:, 1:])
+    np.testing.assert_array_equal(local_points(columns, rows, planned, "path")[0], rows[:, 1:])
     rows[2, 0] += 0.01
     with pytest.raises(InvalidConfiguration, match=r"path\[2\].*'j2' follows 'j1'.*0.01 off"):
-        chart_points(columns, rows, planned, "path")
+        local_points(columns, rows, planned, "path")
     assert velocity_names_of(columns, planned.robot) == ["j2", "j1"]
     rates = Columns.named("velocity_names", ["j2", "j1"], planned.robot, VELOCITY_SUFFIXES)
-    assert chart_rates(rates, np.array([[-0.5, 1.0]]), planned, rows[:1, 1:], "velocities").tolist() == [[1.0]]
+    assert local_rates(rates, np.array([[-0.5, 1.0]]), planned, rows[:1, 1:], "velocities").tolist() == [[1.0]]
     with pytest.raises(InvalidConfiguration, match="follows 'j1'"):
-        chart_rates(rates, np.array([[0.5, 1.0]]), planned, rows[:1, 1:], "velocities")
+        local_rates(rates, np.array([[0.5, 1.0]]), planned, rows[:1, 1:], "velocities")
 
 
 def test_a_follower_of_a_joint_without_a_column_stands_still() -> None:
     planned = grouped(box_arm("x mimic y", 0))
     alone = select(planned.robot, ["j3"], None, planned.robot.rest, pin.SE3.Identity())
     columns = columns_of(alone, ["j2", "j3"])
-    assert chart_points(columns, np.array([[0.2, 0.0], [0.2, 0.7]]), alone, "path")[0].tolist() == [[0.0], [0.7]]
+    assert local_points(columns, np.array([[0.2, 0.0], [0.2, 0.7]]), alone, "path")[0].tolist() == [[0.0], [0.7]]
     with pytest.raises(InvalidConfiguration, match=r"path\[1\].*follows 'j1'"):
-        chart_points(columns, np.array([[0.2, 0.0], [0.3, 0.7]]), alone, "path")
+        local_points(columns, np.array([[0.2, 0.0], [0.3, 0.7]]), alone, "path")
 
 
 @pytest.mark.parametrize(
@@ -234,9 +234,9 @@ def test_rows_that_are_no_configurations_are_refused() -> None:
     columns = columns_of(planned, planned.position_names)
     row = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.3]
     with pytest.raises(InvalidConfiguration, match=r"path\[1\].*norm 1, it has 1.1"):
-        chart_points(columns, np.array([row, [*row[:6], 1.1, 0.3]]), planned, "path")
+        local_points(columns, np.array([row, [*row[:6], 1.1, 0.3]]), planned, "path")
     with pytest.raises(InvalidConfiguration, match=r"path\[1\].*j2 may be 10000"):
-        chart_points(columns, np.array([row, [*row[:7], 1e5]]), planned, "path")
+        local_points(columns, np.array([row, [*row[:7], 1e5]]), planned, "path")
     with pytest.raises(MalformedRequest, match="no column of joint 'j2'"):
         require_same_joints(
             columns, Columns.named("velocity_names", planned.velocity_names[:6], planned.robot, VELOCITY_SUFFIXES)

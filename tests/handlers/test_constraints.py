@@ -148,5 +148,5 @@ def test_guide_planes_are_crossed_within_constraints(moves: bool, planes: str) -
     motion = Trajectory(*(np.array(getattr(kept.trajectory, name)) for name in ("times", "positions", "velocities")))
     samples = np.linspace(0.0, max(motion.duration, scene.end), 80)
     for now, z in zip(samples.tolist(), motion.evaluate(np.minimum(samples, motion.duration))[0], strict=True):
-        assert not contacts_at(World.build(group, scene.at(now)), group.expand_from_chart(z)), now
+        assert not contacts_at(World.build(group, scene.at(now)), group.expand_from_local(z)), now
     assert not moves or motion.duration > 1.0, "the door is in the way until then"

@@ -218,7 +218,7 @@ def test_steps_are_free_and_within_limits_as_a_controller_draws_them(kind: str, 
     arm = group("panda")
     world = World.build(arm, build(scenes.read_packaged("table")))
     times = np.append(rng.uniform(0.0, rows.end, 1500), [0.0, rows.end])
-    assert not any(world.in_collision(arm.expand_from_chart(z)) for z in drawn_places(reply, kind, times, rng))
+    assert not any(world.in_collision(arm.expand_from_local(z)) for z in drawn_places(reply, kind, times, rng))
     exact = np.linspace(0.0, rows.times[-1], 20001)
     followed = msgspec.structs.replace(reply, execution=msgspec.structs.replace(rows, tolerance=[0.0] * 7))
     places = drawn_places(followed, "linear" if kind == "zero_order_hold" else kind, exact, rng)
@@ -250,7 +250,7 @@ def test_a_plan_is_slowed_until_what_is_drawn_keeps_a_limit_in_space(kind: str, 
     times = np.linspace(0.0, rows.times[-1], 4001)
     data, index, tips = arm.model.createData(), arm.model.getFrameId("panda_hand_tcp"), []
     for z in drawn_places(made, kind, times, np.random.default_rng(0)):
-        pin.framesForwardKinematics(arm.model, data, arm.expand_from_chart(z))
+        pin.framesForwardKinematics(arm.model, data, arm.expand_from_local(z))
         tips.append(data.oMf[index].translation.copy())
     fastest = np.linalg.norm(np.diff(tips, axis=0), axis=1).max() / times[1]
     assert 0.23 < fastest <= 0.25 * (1.0 + 1e-6)
@@ -293,7 +293,7 @@ def test_a_contact_is_left_as_a_controller_draws_it(kind: str, tolerance: float,
     arm, rng = group("panda"), np.random.default_rng(1)
     world = World.build(arm, build(codec.decode_request(request).scene))
     times = rng.uniform(since, reply.execution.end, 400)
-    assert not any(world.in_collision(arm.expand_from_chart(z)) for z in drawn_places(reply, kind, times, rng))
+    assert not any(world.in_collision(arm.expand_from_local(z)) for z in drawn_places(reply, kind, times, rng))
     given = {"times": reply.trajectory.times, "positions": reply.trajectory.positions}
     given |= {"velocities": reply.trajectory.velocities} if kind in ("cubic", "quintic") else {}
     judged = answer(

@@ -235,7 +235,7 @@ def test_the_knots_of_a_motion_say_which_way_a_body_turns(seed: int) -> None:
     assert set(motion.times) <= set(sent.times)
     read = [zs[0]]
     for row in sent.positions[1:]:
-        read.append(body.unwrapped(body.chart(np.array(row)), read[-1]))
+        read.append(body.unwrapped(body.to_local(np.array(row)), read[-1]))
     there = motion.evaluate(np.array(sent.times))[0]
     assert np.abs(np.array(read) - there).max() < 1e-6
     rates = [np.linalg.solve(body.tangent_map(z), row) for z, row in zip(read, sent.velocities, strict=True)]

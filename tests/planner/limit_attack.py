@@ -133,14 +133,14 @@ def free_end(world: World, share: float, rng: np.random.Generator) -> np.ndarray
     group = world.group
     limited = np.isfinite(group.lower) & np.isfinite(group.upper)
     for draw in range(DRAWS):
-        z = group.chart(group.random(rng))
+        z = group.to_local(group.random(rng))
         lower, upper = np.where(limited, group.lower, 0.0), np.where(limited, group.upper, 0.0)
         inner = 0.5 * (lower + upper) + 0.5 * MIDDLE * (upper - lower) * rng.uniform(-1.0, 1.0, group.nv)
         end = np.where(rng.random(group.nv) < 0.5, group.lower, group.upper)
         at = rng.random(group.nv) < share * (1.0 - draw / DRAWS)
         z[limited] = np.where(at, end, inner)[limited]
-        if not world.in_collision(group.expand_from_chart(z)):
-            return group.from_chart(z)
+        if not world.in_collision(group.expand_from_local(z)):
+            return group.from_local(z)
     return None
 
 

@@ -96,15 +96,15 @@ def seed_problem(title: str) -> Problem:
 
 
 def to_configuration(z: Sequence[float], planned: PlanningGroup) -> ConfigurationGoal:
-    """A goal by chart values."""
-    return ConfigurationGoal((planned.from_chart(np.array(z, float)),))
+    """A goal by local coordinates."""
+    return ConfigurationGoal((planned.from_local(np.array(z, float)),))
 
 
 def densely_free(made_for: Problem, path: np.ndarray, step: float = 2e-3) -> bool:
-    """Whether no sample of a polyline in the chart collides, by Pinocchio's own test of all pairs."""
+    """Whether no sample of a polyline in local coordinates collides, by Pinocchio's own test of all pairs."""
     for a, b in pairwise(path):
         for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / step))):
-            if contacts_at(made_for.world, made_for.group.expand_from_chart(a + t * (b - a))):
+            if contacts_at(made_for.world, made_for.group.expand_from_local(a + t * (b - a))):
                 return False
     return True
 
@@ -114,7 +114,7 @@ def over_the_wall() -> tuple[Problem, np.ndarray]:
     """A Panda, a wall between start and goal, and a way over it that was found by the tree: it grazes the wall."""
     wall = messages.Box(name="wall", size=(0.5, 0.04, 0.7), position=(0.55, 0.0, 0.35))
     made = problem("panda", scene_of(wall), planes=())
-    start, goal = made.group.chart(rest(made.group)), made.group.chart(rest(made.group))
+    start, goal = made.group.to_local(rest(made.group)), made.group.to_local(rest(made.group))
     start[0], goal[0] = 0.9, -0.9
     start[1] = goal[1] = 0.3
     rng = np.random.default_rng(1)
@@ -136,20 +136,20 @@ def smallest_clearance(made: Problem, path: np.ndarray, ends: float = 0.0) -> fl
     step = np.linalg.norm(points[1] - points[0])
     skip = int(np.ceil(ends / step))
     inner = points[skip : len(points) - skip]
-    return min(clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance for z in inner)
+    return min(clearance_at(made.world, made.group.expand_from_local(z)).obstacle_distance for z in inner)
 
 
 def beside_the_way(planned: PlanningGroup, path: np.ndarray) -> Problem:
     """A post that the straight motion just misses, and that both ends are far from."""
     middle = problem(planned, scene_of(), planes=()).kinematics.tip_position(
-        planned.expand_from_chart(path.mean(axis=0))
+        planned.expand_from_local(path.mean(axis=0))
     )
     rng = np.random.default_rng(0)
     for _ in range(1000):
         place = middle + 0.15 * rng.normal(size=3)
         post = messages.Sphere(name="post", radius=0.03, position=tuple(place.tolist()))
         made = problem(planned, scene_of(post), planes=())
-        ends = [clearance_at(made.world, planned.expand_from_chart(z)).obstacle_distance for z in path]
+        ends = [clearance_at(made.world, planned.expand_from_local(z)).obstacle_distance for z in path]
         if min(ends) > 0.06 and 0.003 < smallest_clearance(made, path) < 0.02:
             return made
     raise AssertionError("no place for a post")

@@ -42,10 +42,10 @@ from tests.robots import box_arm, group, grouped, rest
 
 
 def wall_between() -> tuple:
-    """A Panda with a wall beside it, and chart points on both sides of the wall."""
+    """A Panda with a wall beside it, and local coordinates on both sides of the wall."""
     wall = messages.Box(name="wall", size=(0.5, 0.04, 0.7), position=(0.55, 0.0, 0.35))
     made = problem("panda", scene_of(wall))
-    start, goal = made.group.chart(rest(made.group)), made.group.chart(rest(made.group))
+    start, goal = made.group.to_local(rest(made.group)), made.group.to_local(rest(made.group))
     start[0], goal[0] = 0.9, -0.9
     start[1] = goal[1] = 0.3
     assert not made.world.in_collision(start)
@@ -85,19 +85,19 @@ def test_joints_of_every_kind_find_a_way_round(kinds: str) -> None:
         assert "tree" in connection.message
         assert connection.proven
         np.testing.assert_array_equal(connection.path[0], start)
-        assert np.abs(planned.difference(*map(planned.from_chart, (connection.path[-1], goal)))).max() < 1e-6
+        assert np.abs(planned.difference(*map(planned.from_local, (connection.path[-1], goal)))).max() < 1e-6
         for a, b in pairwise(connection.path):
             for t in np.linspace(0.0, 1.0, 1 + int(np.linalg.norm(b - a) / 0.05)):
-                assert not made.world.in_collision(planned.expand_from_chart(a + t * (b - a)))
+                assert not made.world.in_collision(planned.expand_from_local(a + t * (b - a)))
 
 
 def test_a_body_that_flies_free_gets_there_turned_the_other_way_round_too() -> None:
     planned = grouped(box_arm("floating", 1))
-    goal = planned.chart(planned.q_origin)
+    goal = planned.to_local(planned.q_origin)
     goal[3:6] = 0.0, 2.5, 0.0
     (other,) = planned.turned_otherwise(goal)
-    np.testing.assert_allclose(planned.from_chart(other)[:3], planned.from_chart(goal)[:3])
-    same = planned.difference(planned.from_chart(other), planned.from_chart(goal))
+    np.testing.assert_allclose(planned.from_local(other)[:3], planned.from_local(goal)[:3])
+    same = planned.difference(planned.from_local(other), planned.from_local(goal))
     np.testing.assert_allclose(same, np.zeros(planned.nv), atol=1e-9)
     assert np.linalg.norm(other[3:6]) == pytest.approx(2.0 * np.pi - 2.5)
 
@@ -126,8 +126,8 @@ def test_snakes_go_through_tubes_to_configurations(title: str) -> None:
     q = made.q_start
     for index, crossed in enumerate(made.guide_planes):
         q = cross_plane(made, q, crossed, index, ATTEMPTS["projected"](made.group)).path[-1]
-    start = made.group.chart(made.q_start)
-    goal = made.group.unwrapped(made.group.chart(q), start)
+    start = made.group.to_local(made.q_start)
+    goal = made.group.unwrapped(made.group.to_local(q), start)
     assert not densely_free(made, np.array([start, goal]), 1e-2)
     connection = connect(made, start, goal[None], np.random.default_rng(0))
     assert connection.status is Status.SUCCESS
@@ -166,7 +166,7 @@ def test_a_goal_behind_a_wall_is_passed_by_for_one_that_is_farther_but_reached_s
 
 def test_of_two_goals_as_soon_the_one_with_the_shorter_way_is_taken_unless_time_alone_counts() -> None:
     made = problem("panda", scene_of())
-    z, limits = made.group.chart(made.q_start), made.group.velocity_limits
+    z, limits = made.group.to_local(made.q_start), made.group.velocity_limits
     one_joint, all_joints = z + 0.1 * np.eye(7)[0] * limits, z + 0.099 * limits
     goals = np.array([all_joints, one_joint])
     for objective, taken in ((Objective.BALANCED, one_joint), (Objective.TIME, all_joints)):
@@ -228,7 +228,7 @@ def test_a_connection_that_is_asked_for_more_is_shorter_and_certified() -> None:
 def test_a_point_on_a_path_that_is_short_enough_is_in_the_box(seed: int, more: float, wraps: bool) -> None:
     planned = grouped(box_arm("continuous x oblique-continuous slide", 4)) if wraps else group("panda")
     rng, sources = np.random.default_rng(seed), sources_of(planned)
-    start, goal, via = (planned.chart(planned.random(rng)) for _ in range(3))
+    start, goal, via = (planned.to_local(planned.random(rng)) for _ in range(3))
     goal, units = planned.unwrapped(goal, start), planned.units
     via = start + rng.random() * (planned.unwrapped(via, start) - start)
     length = sum(np.linalg.norm((b - planned.unwrapped(a, b)) / units) for a, b in ((start, via), (goal, via)))
@@ -279,7 +279,7 @@ def enclosed(gap: float) -> tuple[PlanningGroup, World, np.ndarray, np.ndarray]:
 
 def test_an_end_that_can_not_be_left_is_told_early() -> None:
     planned, world, start, goal = enclosed(0.001)
-    assert not world.in_collision(planned.expand_from_chart(start))
+    assert not world.in_collision(planned.expand_from_local(start))
     made = dataclasses.replace(problem(planned, world.scene), world=world)
     for ends, name in (((start, goal), "start"), ((goal, start), "goal")):
         connection = connect(made, ends[0], ends[1][None], np.random.default_rng(0))
@@ -332,18 +332,18 @@ def test_a_path_keeps_the_constraint_and_never_jumps(seed: int) -> None:
     made, keeper = upright("continuous y oblique-continuous y", 0.7, post)
     rng, ends = np.random.default_rng(seed), []
     while len(ends) < 2:
-        z = keeper.bring_back(made.group.chart(made.group.random(rng)))
+        z = keeper.bring_back(made.group.to_local(made.group.random(rng)))
         if z is not None and not made.lanes.touching(z[None])[0]:
             ends.append(z)
     found = connect_constrained(made, keeper, ends[0], np.array(ends[1:]), rng)
     assert found.status is Status.SUCCESS
     np.testing.assert_array_equal(found.path[0], ends[0])
-    last, goal = (made.group.from_chart(z) for z in (found.path[-1], ends[1]))
+    last, goal = (made.group.from_local(z) for z in (found.path[-1], ends[1]))
     np.testing.assert_allclose(last, goal, atol=1e-9)
     for a, b in pairwise(found.path):
         assert apart(made, a, b) <= FARTHEST_STRIDE * STRIDE + 1e-6
         for t in (0.0, 0.5, 1.0):
-            q = made.group.expand_from_chart(a + t * (b - a))
+            q = made.group.expand_from_local(a + t * (b - a))
             axis = made.kinematics.frame_placement(q, made.group.tip_id).rotation[:, 2]
             assert np.arccos(np.clip(axis[2], -1.0, 1.0)) <= 0.7 + 1e-6
             assert not made.world.in_collision(q)
@@ -370,7 +370,7 @@ def test_goals_keep_narrow_constraints_within_their_tolerances(constraint: Any) 
     assert len(goals) > 1
     frames = made.constrained_frames
     for z in goals:
-        placed = made.kinematics.frame_placement(made.group.expand_from_chart(z), made.group.tip_id)
+        placed = made.kinematics.frame_placement(made.group.expand_from_local(z), made.group.tip_id)
         assert target.is_reached(placed)
         assert constraint.value(placed) <= constraint.limit
         assert frames.values(z)[0] <= constraint.limit

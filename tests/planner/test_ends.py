@@ -53,7 +53,7 @@ def test_a_pose_has_free_configurations_far_from_each_other() -> None:
     soonest = (np.abs(goals - made.z_start) / made.group.velocity_limits).max(axis=1)
     assert soonest[0] == soonest.min()
     for z in goals:
-        q = made.group.from_chart(z)
+        q = made.group.from_local(z)
         assert not made.world.in_collision(q)
         assert made.goal.target.is_reached(made.kinematics.frame_placement(q, made.group.tip_id))
     assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(goals, 2)) > 0.3
@@ -85,12 +85,12 @@ def test_a_pose_at_which_elbows_touch_names_what_they_meet_most_often() -> None:
 def test_a_pose_at_which_the_hand_all_but_touches_is_reached() -> None:
     place = np.array([0.8, 0.1, 0.5])
     far = problem("panda", scene_of(ball(0.05, *place.tolist())), pose())
-    near = clearance_at(far.world, far.group.expand_from_chart(find_goal_points(far)[0]))
+    near = clearance_at(far.world, far.group.expand_from_local(find_goal_points(far)[0]))
     hand, other = near.witness
     place += (hand - other) * (1.0 - 0.5 * GRAZING_DISTANCE / near.obstacle_distance)
     made = problem("panda", scene_of(ball(0.05, *place.tolist())), pose())
     for z in find_goal_points(made):
-        assert 0.0 < clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance < GRAZING_DISTANCE
+        assert 0.0 < clearance_at(made.world, made.group.expand_from_local(z)).obstacle_distance < GRAZING_DISTANCE
 
 
 def test_a_pose_inside_a_hollow_mesh_is_in_collision() -> None:
@@ -105,7 +105,7 @@ def test_a_pose_inside_a_hollow_mesh_is_in_collision() -> None:
 def test_where_one_that_is_wanted_is_inside_of_something_others_are(monkeypatch: pytest.MonkeyPatch) -> None:
     made = problem("panda", "table", pose(), planes=())
     first, *_ = find_goal_points(made)
-    closed = made.group.expand_from_chart(first)
+    closed = made.group.expand_from_local(first)
     seen = ends.find_enclosed_each
 
     def but_the_first(world, qs):
@@ -158,9 +158,9 @@ EXACTLY = np.zeros(3)
 def reaching(name: str, target: PoseTarget, seed: int) -> list[np.ndarray]:
     """Configurations that reach a target, whatever they touch."""
     planned = group(name)
-    start = planned.chart(random_configuration(planned, seed))
+    start = planned.to_local(random_configuration(planned, seed))
     found = solve(planned, target, [start], 8, rng=np.random.default_rng(seed)).solutions
-    return [planned.expand_from_chart(z) for z in found]
+    return [planned.expand_from_local(z) for z in found]
 
 
 def where_the_tip_is(name: str, seed: int) -> pin.SE3:

@@ -78,7 +78,7 @@ def guided_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
     """The same with a plane at the path's middle."""
     made, path = over_the_wall()
     middle = len(path) // 2
-    tip = made.kinematics.tip_position(made.group.expand_from_chart(path[middle]))
+    tip = made.kinematics.tip_position(made.group.expand_from_local(path[middle]))
     corners = [tip + 0.1 * np.array([a, 0.0, b]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c.tolist()) for c in corners]), 0)
     return dataclasses.replace(made, guide_planes=(plane,)), path, {0: middle}
@@ -89,7 +89,7 @@ def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> N
     finished = finish(made, PathSoFar(path, crossings, proven=False), Stages(made))
     assert finished.verdict.free
     assert finished.warnings == ()
-    tip = made.kinematics.tip_position(made.group.expand_from_chart(finished.path[finished.crossings[0]]))
+    tip = made.kinematics.tip_position(made.group.expand_from_local(finished.path[finished.crossings[0]]))
     assert abs(made.guide_planes[0].signed_height(tip)) <= REACHED
     assert made.guide_planes[0].contains(tip)
     assert (
@@ -140,8 +140,8 @@ def test_an_end_beyond_a_limit_is_refused_by_joint_value_limits_and_place() -> N
 def asked(**options: Any) -> Problem:
     """From one side of the wall to the other."""
     made, path = over_the_wall()
-    goal = ConfigurationGoal((made.group.from_chart(path[-1]),))
-    start = made.group.from_chart(path[0])
+    goal = ConfigurationGoal((made.group.from_local(path[-1]),))
+    start = made.group.from_local(path[0])
     return dataclasses.replace(made, guide_planes=(), q_start=start, goal=goal, **options)
 
 
@@ -155,7 +155,7 @@ def check(made: Problem, result: Plan) -> Trajectory:
     assert measure_limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerk) <= 1.0 + 1e-9
     q, v, a = motion.evaluate(np.array([0.0, motion.duration]))
     np.testing.assert_allclose(q[0], made.z_start, atol=1e-12)
-    np.testing.assert_allclose(q[1], group.chart(made.goal.configurations[0]), atol=1e-9)
+    np.testing.assert_allclose(q[1], group.to_local(made.goal.configurations[0]), atol=1e-9)
     np.testing.assert_allclose(v, [made.start_rates, made.end_rates], atol=1e-12)
     if made.start_acceleration is not None:
         np.testing.assert_allclose(a[0], made.start_acceleration, atol=1e-6 * group.acceleration_limits.max())
@@ -205,7 +205,7 @@ def test_a_joint_that_is_too_near_its_limit_cannot_stop_in_time() -> None:
     made = asked()
     group, z = made.group, made.z_start.copy()
     z[0] = group.upper[0] - 0.02
-    fast = dataclasses.replace(made, q_start=group.from_chart(z), start_velocity=2.0 * np.eye(group.nv)[0])
+    fast = dataclasses.replace(made, q_start=group.from_local(z), start_velocity=2.0 * np.eye(group.nv)[0])
     result = plan(fast, Planner.TREE)
     assert result.status is Status.START_STATE_INVALID
     assert "panda_joint1 can't stop in time: at 2 it takes" in result.message
@@ -220,7 +220,7 @@ def test_a_goal_that_is_too_near_a_limit_cannot_be_reached_at_speed() -> None:
     made = asked()
     group, z = made.group, made.z_start.copy()
     z[0] = group.lower[0] + 0.02
-    goal = ConfigurationGoal((group.from_chart(z),))
+    goal = ConfigurationGoal((group.from_local(z),))
     fast = dataclasses.replace(made, goal=goal, end_velocity=2.0 * np.eye(group.nv)[0])
     result = plan(fast, Planner.TREE)
     assert result.status is Status.GOAL_STATE_INVALID
@@ -230,12 +230,12 @@ def test_a_goal_that_is_too_near_a_limit_cannot_be_reached_at_speed() -> None:
 def test_what_stands_in_the_way_of_stopping_is_named() -> None:
     open_ = problem("panda", scene_of(), planes=())
     group, one = open_.group, np.eye(open_.group.nv)[0]
-    tip = open_.kinematics.tip_position(group.expand_from_chart(open_.z_start + 0.6 * one))
+    tip = open_.kinematics.tip_position(group.expand_from_local(open_.z_start + 0.6 * one))
     made = problem("panda", scene_of(Sphere(name="near", radius=0.05, position=tuple(tip.tolist()))), planes=())
     turned = [made.z_start + shift * one for shift in np.arange(0.59, 0.0, -0.01)]
-    z = next(z for z in turned if not made.world.in_collision(group.expand_from_chart(z)))
-    goal = ConfigurationGoal((group.from_chart(made.z_start),))
-    there = dataclasses.replace(made, goal=goal, q_start=group.from_chart(z), start_velocity=2.0 * one)
+    z = next(z for z in turned if not made.world.in_collision(group.expand_from_local(z)))
+    goal = ConfigurationGoal((group.from_local(made.z_start),))
+    there = dataclasses.replace(made, goal=goal, q_start=group.from_local(z), start_velocity=2.0 * one)
     result = plan(there, Planner.TREE)
     assert result.status is Status.START_STATE_INVALID
     assert "the robot can't stop in time: contact between" in result.message

@@ -32,7 +32,7 @@ from tests.planner.test_schedule import flight, require_within
 from tests.robots import group, rest
 
 PANDA = group("panda")
-REST = PANDA.chart(rest(PANDA))
+REST = PANDA.to_local(rest(PANDA))
 LEFT, RIGHT = (REST + np.array([sign * 0.8, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0]) for sign in (1.0, -1.0))
 
 DOOR = messages.Box(
@@ -43,7 +43,7 @@ DOOR = messages.Box(
 
 def asked(*obstacles: messages.Obstacle, goal: Any = RIGHT, start: np.ndarray = LEFT, **options: Any) -> Problem:
     goal = to_configuration(goal, PANDA) if isinstance(goal, np.ndarray) else goal
-    return problem(PANDA, scene_of(*obstacles), goal, PANDA.from_chart(start), planes=(), **options)
+    return problem(PANDA, scene_of(*obstacles), goal, PANDA.from_local(start), planes=(), **options)
 
 
 def require_free(made: Problem, found: Plan, step: float = 0.05) -> None:
@@ -58,9 +58,9 @@ def require_free(made: Problem, found: Plan, step: float = 0.05) -> None:
     for now in np.arange(0.0, until, step):  # beyond its end it stands at the goal
         z = motion.evaluate(np.array([now]))[0][0]
         world = World.build(made.group, made.scene.at(now), made.allowed_collisions)
-        assert not contacts_at(world, made.group.expand_from_chart(z)), now
+        assert not contacts_at(world, made.group.expand_from_local(z)), now
         if made.min_clearance:
-            apart = clearance_at(world, made.group.expand_from_chart(z)).obstacle_distance
+            apart = clearance_at(world, made.group.expand_from_local(z)).obstacle_distance
             assert apart >= made.min_clearance - 1e-5
 
 
@@ -103,7 +103,7 @@ def test_where_it_waits_on_its_way_it_keeps_the_speed_and_acceleration_of_the_ha
     data, frame = PANDA.model.createData(), PANDA.model.getFrameId("panda_hand_tcp")
     places = []
     for z in found.trajectory.evaluate(times)[0]:
-        pin.framesForwardKinematics(PANDA.model, data, PANDA.expand_from_chart(z))
+        pin.framesForwardKinematics(PANDA.model, data, PANDA.expand_from_local(z))
         places.append(data.oMf[frame].translation.copy())
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / step
     accelerations = np.linalg.norm(np.diff(places, 2, axis=0), axis=1) / step**2
@@ -121,7 +121,7 @@ def test_among_what_moves_torques_keep_their_limits(jerk: float | None) -> None:
     require_free(made, found, step=0.2)
     data = PANDA.model.createData()
     taken = [
-        pin.rnea(PANDA.model, data, PANDA.expand_from_chart(z), PANDA.expand_velocity @ v, PANDA.expand_velocity @ a)
+        pin.rnea(PANDA.model, data, PANDA.expand_from_local(z), PANDA.expand_velocity @ v, PANDA.expand_velocity @ a)
         for z, v, a in zip(*found.trajectory.evaluate(np.linspace(0.0, found.trajectory.times[-1], 3001)), strict=True)
     ]
     shares = np.abs(taken)[:, :7].max(axis=0) / limit.limits
@@ -130,7 +130,7 @@ def test_among_what_moves_torques_keep_their_limits(jerk: float | None) -> None:
 
 def test_where_it_may_not_wait_it_gives_way_and_waits_elsewhere() -> None:
     made = asked(*post_and_door())
-    assert any(contacts_at(made.at(t).world, PANDA.expand_from_chart(LEFT)) for t in np.arange(1.0, 3.1, 0.05))
+    assert any(contacts_at(made.at(t).world, PANDA.expand_from_local(LEFT)) for t in np.arange(1.0, 3.1, 0.05))
     found = plan(made)
     require_free(made, found)
     assert 6.0 < found.trajectory.times[-1] < 10.0
@@ -143,15 +143,15 @@ def test_poses_and_sets_are_goals() -> None:
     require_free(made, found)
     reached = made_tip(found.trajectory.positions[-1])
     assert np.linalg.norm(reached.translation - placement.translation) <= 2e-3
-    others = (PANDA.from_chart(RIGHT), PANDA.from_chart(LEFT + 0.3 * np.eye(7)[0]))
+    others = (PANDA.from_local(RIGHT), PANDA.from_local(LEFT + 0.3 * np.eye(7)[0]))
     near = plan(asked(DOOR, goal=ConfigurationGoal(others)))
     require_free(asked(DOOR), near)
-    np.testing.assert_allclose(near.trajectory.positions[-1], PANDA.chart(others[1]), atol=1e-9)
+    np.testing.assert_allclose(near.trajectory.positions[-1], PANDA.to_local(others[1]), atol=1e-9)
     assert near.trajectory.times[-1] < 2.0, "the one on this side of the door"
 
 
 def made_tip(z: np.ndarray) -> Any:
-    return asked(DOOR).kinematics.frame_placement(PANDA.expand_from_chart(z), PANDA.tip_id)
+    return asked(DOOR).kinematics.frame_placement(PANDA.expand_from_local(z), PANDA.tip_id)
 
 
 # ---- refusals
@@ -168,7 +168,7 @@ def test_what_runs_into_the_waiting_robot_is_told_with_its_time() -> None:
     assert found.status is Status.START_STATE_INVALID, found.message
     assert found.details["pair"][1] == "wall"
     times = np.arange(1.0, 3.0, 0.02)
-    met_at = next(t for t in times if contacts_at(made.at(t).world, PANDA.expand_from_chart(made.z_start)))
+    met_at = next(t for t in times if contacts_at(made.at(t).world, PANDA.expand_from_local(made.z_start)))
     assert met_at - 0.1 <= found.details["time"] <= met_at
     assert "wall" in found.message
     assert found.trajectory is None
@@ -217,7 +217,7 @@ def test_pairs_that_may_touch_may_touch_as_they_move() -> None:
     ball = messages.Sphere(name="ball", radius=0.1, trajectory=flight([0.0, 4.0], at, (0.3, -0.5, 0.6)))
     scene = scene_of(ball, DOOR)
     made = dataclasses.replace(
-        problem(PANDA, scene, to_configuration(RIGHT, PANDA), PANDA.from_chart(LEFT), planes=()),
+        problem(PANDA, scene, to_configuration(RIGHT, PANDA), PANDA.from_local(LEFT), planes=()),
         allowed_collisions=names,
         world=World.build(PANDA, scene, names),
     )
@@ -274,7 +274,7 @@ def test_guide_planes_lead_to_a_goal() -> None:
     require_free(made, found)
     np.testing.assert_allclose(found.trajectory.positions[-1], RIGHT, atol=1e-12)
     (crossed,) = found.crossings.values()
-    tip = made.kinematics.tip_position(PANDA.expand_from_chart(found.path[crossed]))
+    tip = made.kinematics.tip_position(PANDA.expand_from_local(found.path[crossed]))
     assert abs(tip[1] + 0.3) <= 1e-4
 
 

@@ -128,7 +128,7 @@ def least_apart(planned: PlanningGroup, obstacles: Any, trajectory: Trajectory, 
     bodies = [i for i, body in enumerate(planned.geometry.geometryObjects) if body.parentJoint]
     least = np.inf
     for instant in times:
-        q = planned.from_chart(trajectory.evaluate(np.array([instant]))[0][0])
+        q = planned.from_local(trajectory.evaluate(np.array([instant]))[0][0])
         pin.updateGeometryPlacements(planned.model, data, planned.geometry, scratch, planned.expand(q))
         for message, shape, within in shapes:
             there = placed(message.trajectory, instant) * within
@@ -174,7 +174,7 @@ def test_what_is_certified_among_moving_obstacles_of_any_kind_is_free_at_dense_t
 def swing(seed: int) -> Trajectory:
     """A random motion of the arm from rest to rest within its limits, that waits in between."""
     rng, planned = np.random.default_rng(seed), group("panda")
-    start = planned.chart(rest(planned))
+    start = planned.to_local(rest(planned))
     ways = rng.uniform(-0.5, 0.5, (2, len(start)))
     points = np.array([start, start + ways[0], start + ways[0], start + ways.sum(axis=0)])
     points = np.clip(points, planned.lower, planned.upper)

@@ -43,7 +43,7 @@ def judged_densely(made: Problem, result: Plan, step: float = 1e-3) -> bool:
     count = int(np.ceil(1.5 * speed * result.trajectory.duration / step)) + 2
     times = np.linspace(0.0, result.trajectory.duration, min(count, 20_000))
     return not any(
-        made.world.in_collision(made.group.expand_from_chart(z)) for z in result.trajectory.evaluate(times)[0]
+        made.world.in_collision(made.group.expand_from_local(z)) for z in result.trajectory.evaluate(times)[0]
     )
 
 
@@ -64,13 +64,13 @@ def check_success(made: Problem, result: Plan) -> None:
     assert judged_densely(made, result, 5e-3)
     assert is_within_limits(made, result)
     assert np.all(result.trajectory.velocities[[0, -1]] == 0.0)
-    np.testing.assert_allclose(result.trajectory.positions[0], made.group.chart(made.q_start), atol=1e-12)
+    np.testing.assert_allclose(result.trajectory.positions[0], made.group.to_local(made.q_start), atol=1e-12)
 
 
 def test_where_no_proof_comes_of_optimising_the_connection_is_proven_before(monkeypatch: pytest.MonkeyPatch) -> None:
     wall, start, goal = wall_between()
     made = dataclasses.replace(
-        wall, q_start=wall.group.from_chart(start), goal=to_configuration(goal, wall.group), guide_planes=()
+        wall, q_start=wall.group.from_local(start), goal=to_configuration(goal, wall.group), guide_planes=()
     )
     optimized_to = (2 + LOOKS) * [time_path_ignoring_jerk(wall, np.array([start, goal]))]  # through the wall
 
@@ -92,12 +92,12 @@ def test_guide_planes_in_the_bookshelf() -> None:
     result = plan(made, Planner.GUIDED)
     check_success(made, result)
     assert set(result.crossings) == {0, 1, 2}
-    tip = made.kinematics.tip_position(made.group.expand_from_chart(result.trajectory.positions[-1]))
+    tip = made.kinematics.tip_position(made.group.expand_from_local(result.trajectory.positions[-1]))
     last = made.guide_planes[-1]
     assert abs(last.signed_height(tip)) < 2e-4
     assert last.contains(tip)
     for index, at in result.crossings.items():
-        crossed = made.kinematics.tip_position(made.group.expand_from_chart(result.path[at]))
+        crossed = made.kinematics.tip_position(made.group.expand_from_local(result.path[at]))
         assert abs(made.guide_planes[index].signed_height(crossed)) < 2e-4
 
 
@@ -111,7 +111,7 @@ def test_a_pose_among_the_boards_without_planes() -> None:
     result = plan(made)
     check_success(made, result)
     end = made.kinematics.frame_placement(
-        made.group.expand_from_chart(result.trajectory.positions[-1]), made.group.tip_id
+        made.group.expand_from_local(result.trajectory.positions[-1]), made.group.tip_id
     )
     assert target.is_reached(end)
 
@@ -130,7 +130,7 @@ def test_a_configuration_behind_a_wall() -> None:
 @pytest.mark.parametrize("name", ["ur5", "xarm7", "kinova"])
 def test_other_arms_reach_a_configuration(name: str) -> None:
     made = problem(name, scene_of(messages.HalfSpace(name="floor", normal=(0.0, 0.0, 1.0), offset=-1.5)))
-    z = made.group.chart(made.q_start)
+    z = made.group.to_local(made.q_start)
     goal = z.copy()
     goal[0] += 1.0
     goal[2] += 0.2
@@ -180,7 +180,7 @@ def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> Non
     assert calls == list(range(len(made.guide_planes)))
     done = [(stage.name, stage.plane) for stage in result.stages]
     assert ("connect", 0) in done
-    tip = made.kinematics.tip_position(made.group.expand_from_chart(result.path[result.crossings[0]]))
+    tip = made.kinematics.tip_position(made.group.expand_from_local(result.path[result.crossings[0]]))
     assert abs(made.guide_planes[0].signed_height(tip)) < 2e-4
 
 
@@ -254,7 +254,7 @@ def test_a_refused_plan_still_carries_a_verdict_about_its_start() -> None:
 
 @pytest.fixture
 def made(monkeypatch):
-    """A problem whose connections are found from the origin of the chart only."""
+    """A problem whose connections are found from the origin of local coordinates only."""
     asked = []
 
     def connect(problem, z_start, goals, rng, *, prove):

@@ -200,7 +200,7 @@ def test_a_profile_has_the_distances_of_each_sample_among_what_rests_and_what_mo
         messages.Sphere(name="ball", radius=0.05, trajectory=flight),
     )
     made = problem(planned, scene, q_start=rest(planned))
-    begin = planned.chart(rest(planned))
+    begin = planned.to_local(rest(planned))
     points = np.array([begin, begin + 0.4])
     measured = measure_clearance(Trajectory(np.array([0.0, 2.0]), points, np.zeros_like(points)), made)
     profile = measure_clearance_profile((measured, made, scene))
@@ -232,7 +232,7 @@ def test_lengths_are_those_of_many_chords(knots: int) -> None:
     motion = Trajectory(times, rest(planned) + 0.3 * np.sin(turns), 0.3 * rates * np.cos(turns))
     kinematics = Kinematics(planned)
     dense = motion.evaluate(np.unique(np.concatenate([np.linspace(0.0, motion.duration, 20_001), motion.times])))[0]
-    tips = np.array([kinematics.tip_position(planned.expand_from_chart(z)) for z in dense])
+    tips = np.array([kinematics.tip_position(planned.expand_from_local(z)) for z in dense])
     told = measure_figures(motion, kinematics)
     for said, way in ((told.joint_path_length, dense), (told.tip_path_length, tips)):
         assert said == pytest.approx(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), rel=1e-4, abs=1e-12)

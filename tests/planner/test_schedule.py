@@ -28,11 +28,11 @@ from tests.planner.problems import closed_shell, problem, scene_of, seed_problem
 from tests.robots import group, rest
 
 PANDA = group("panda")
-START = PANDA.chart(rest(PANDA))
+START = PANDA.to_local(rest(PANDA))
 
 
 def moved(*by: float) -> np.ndarray:
-    """A chart point away from the start."""
+    """Local coordinates away from the start."""
     return START + np.array(by)
 
 
@@ -72,10 +72,10 @@ def test_what_a_slice_says_is_free_is_free_at_all_times_in_it(kind: str, monkeyp
         for time in index * length + np.linspace(0.0, length, 1 + 2 * together):
             world = World.build(PANDA, made.scene.at(time))
             for z in zs[~touching]:
-                assert clearance_at(world, PANDA.expand_from_chart(z)).obstacle_distance >= 0.01
+                assert clearance_at(world, PANDA.expand_from_local(z)).obstacle_distance >= 0.01
         free += int((~touching).sum())
         middle = made.at((index + 0.5) * length).world
-        nearest = np.array([clearance_at(middle, PANDA.expand_from_chart(z)).obstacle_distance for z in zs])
+        nearest = np.array([clearance_at(middle, PANDA.expand_from_local(z)).obstacle_distance for z in zs])
         assert not touching[nearest > 0.1 * together].any(), "what is far is free"
     assert 0 < free < 5 * len(zs)
 
@@ -86,7 +86,7 @@ def test_what_a_slice_says_is_free_is_free_at_all_times_in_it(kind: str, monkeyp
 def test_until_when_and_from_when_on_a_place_is_free_is_what_dense_times_say() -> None:
     made = asked(ball(trajectory=flight([0.5, 2.5], (0.35, -1.2, 0.6), (0.35, 1.2, 0.6))))
     times = np.arange(1.0, 2.2, 0.01)
-    touching = [bool(contacts_at(World.build(PANDA, made.scene.at(t)), PANDA.expand_from_chart(START))) for t in times]
+    touching = [bool(contacts_at(World.build(PANDA, made.scene.at(t)), PANDA.expand_from_local(START))) for t in times]
     first, last = times[touching][0], times[touching][-1]
     until, refusal = find_meeting(made, START)
     assert first - 0.04 <= until <= first
@@ -167,7 +167,7 @@ def touches(made: Problem, found: Plan, count: int = 80, frozen: float | None = 
     """Whether a sample of the motion touches the obstacles as they then stand (or as they stood at one time)."""
     for time in np.linspace(0.0, found.trajectory.duration, count):
         z = found.trajectory.evaluate(np.array([time]))[0][0]
-        if contacts_at(made.at(time if frozen is None else frozen).world, made.group.from_chart(z)):
+        if contacts_at(made.at(time if frozen is None else frozen).world, made.group.from_local(z)):
             return True
     return False
 
@@ -184,7 +184,7 @@ def test_it_waits_for_what_moves_and_is_certified(title: str) -> None:
     assert np.all(np.abs(samples[1]) <= made.group.velocity_limits)
     assert np.all(np.abs(samples[2]) <= made.group.acceleration_limits)
     for index, plane in enumerate(made.guide_planes):
-        q = made.group.from_chart(found.path[found.crossings[index]])
+        q = made.group.from_local(found.path[found.crossings[index]])
         assert abs(plane.signed_height(made.kinematics.tip_position(q))) <= 1e-4
 
 
@@ -198,12 +198,12 @@ def test_optimised_in_time_it_is_sooner_and_does_not_rest_at_waypoints(title: st
     assert (speeds[2:-1] > 0.0).all(), "but for a wait at the start and the end"
     assert shaped.crossings.keys() == found.crossings.keys() == set(range(len(made.guide_planes)))
     for index, plane in enumerate(made.guide_planes):
-        tip = made.kinematics.tip_position(made.group.from_chart(shaped.path[shaped.crossings[index]]))
+        tip = made.kinematics.tip_position(made.group.from_local(shaped.path[shaped.crossings[index]]))
         assert abs(plane.signed_height(tip)) <= 2e-6
         assert plane.distance(tip) <= 2e-6
     clearances = [
         min(
-            clearance_at(made.at(now).world, made.group.from_chart(z)).obstacle_distance
+            clearance_at(made.at(now).world, made.group.from_local(z)).obstacle_distance
             for now, z in zip(times, one.trajectory.evaluate(times)[0], strict=True)
         )
         for one in (shaped, found)
@@ -228,7 +228,7 @@ def test_jerk_limits_are_kept_in_time(jerk: float, steps: int | None) -> None:
     assert np.abs(np.diff(samples[2], axis=0)).max() <= jerk * apart * (1.0 + 1e-6)
     assert np.abs(samples[2][[0, -1]]).max() <= 1e-9
     for index, plane in enumerate(made.guide_planes):
-        tip = made.kinematics.tip_position(made.group.from_chart(found.path[found.crossings[index]]))
+        tip = made.kinematics.tip_position(made.group.from_local(found.path[found.crossings[index]]))
         assert abs(plane.signed_height(tip)) <= 1e-4
 
 
@@ -236,7 +236,7 @@ def test_a_plane_is_the_goal_where_nothing_comes_to_the_robot_any_more() -> None
     """A ball passes where the arm ends: it is there before that, or after."""
     still = problem("panda", scene_of(planes=[plane_at(0.6)]))
     end = planned(still).trajectory
-    tip = still.kinematics.tip_position(still.group.from_chart(end.positions[-1]))
+    tip = still.kinematics.tip_position(still.group.from_local(end.positions[-1]))
     way = [Placement(position=tuple((tip + aside).tolist())) for aside in ([0.0, -0.8, 0.0], [0.0, 0.8, 0.0])]
     ball = messages.Sphere(name="ball", radius=0.05, trajectory=messages.ObstacleTrajectory([1.0, 3.0], way))
     made = problem("panda", scene_of(ball, planes=[plane_at(0.6)]))
@@ -244,7 +244,7 @@ def test_a_plane_is_the_goal_where_nothing_comes_to_the_robot_any_more() -> None
     assert found.status is Status.SUCCESS, found.message
     assert not touches(made, found)
     for now in np.arange(found.trajectory.times[-1], 3.1, 0.02).tolist():
-        q = made.group.from_chart(found.trajectory.positions[-1])
+        q = made.group.from_local(found.trajectory.positions[-1])
         assert not contacts_at(made.at(now).world, q), now
 
 

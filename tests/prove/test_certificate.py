@@ -53,7 +53,7 @@ def strewn(seed: int):
 
 
 def motions(world, seed: int) -> np.ndarray:
-    """A Bezier curve of degree 1 to 4 in the chart: short about the rest configuration, or long anywhere."""
+    """A Bezier curve of degree 1 to 4 in local coordinates: short about the rest configuration, or long anywhere."""
     rng = np.random.default_rng(seed)
     planned = world.group
     start = rest(planned) if rng.random() < 0.7 else planned.random(rng)
@@ -74,7 +74,7 @@ def test_a_certified_motion_is_free_wherever_one_looks(place, seed):
         assert not any(judge.collides(q) for q in samples)
         assert not any(world.in_collision(q) for q in samples)
     if not any(world.in_collision(q) for q in samples):
-        assert verdict.reason in (Reason.FREE, Reason.UNDECIDED) or world.in_collision(verdict.chart_point)
+        assert verdict.reason in (Reason.FREE, Reason.UNDECIDED) or world.in_collision(verdict.local_point)
 
 
 @settings(max_examples=18)
@@ -84,11 +84,11 @@ def test_a_refusal_shows_where(place, seed):
     verdict = certify(world, motions(world, seed)[None])
     if verdict.free:
         return
-    contacts = {contact.pair for contact in contacts_at(world, verdict.chart_point)}
+    contacts = {contact.pair for contact in contacts_at(world, verdict.local_point)}
     assert (verdict.reason is Reason.CONTACT) == (verdict.pair in contacts)
     control = motions(world, seed)
     at = dense(control, 1e-4)
-    assert np.abs(at - verdict.chart_point).max(axis=1).min() < 1e-3
+    assert np.abs(at - verdict.local_point).max(axis=1).min() < 1e-3
     piece, until = verdict.free_until
     assert piece == 0
     assert 0.0 <= until <= verdict.parameter <= 1.0
@@ -113,7 +113,7 @@ def test_a_refusal_of_many_short_pieces_certifies_what_is_before(place, seed, co
     before = np.array([*points[: piece + 1], last])
     samples = np.concatenate([dense(np.array([a, b])) for a, b in pairwise(before)])[1:-1]
     if (piece, until) > (0, 0.0):
-        assert not any(world.in_collision(world.group.from_chart(z)) for z in samples)
+        assert not any(world.in_collision(world.group.from_local(z)) for z in samples)
 
 
 def test_a_motion_that_touches_all_along_is_certified_nowhere():
@@ -190,7 +190,7 @@ def test_the_clearance_asked_for_is_kept(place, seed, share):
     if share > 1.0:
         assert not verdict.free
         assert verdict.reason in (Reason.TOO_CLOSE, Reason.UNDECIDED)
-        assert clearance_at(world, verdict.chart_point).obstacle_distance <= share * least + 2e-4
+        assert clearance_at(world, verdict.local_point).obstacle_distance <= share * least + 2e-4
     # Between samples the clearance may be less by what two millirad move, and the certificate needs its resolution.
     elif (1.0 - share) * least > 4e-3:
         assert verdict.free
@@ -263,7 +263,7 @@ def test_a_motion_that_goes_into_an_obstacle_is_in_contact_and_not_undecided(pie
             verdict = certify(world, np.array([*pairwise(way)]), clearance)
             assert verdict.reason is Reason.CONTACT or (clearance and verdict.reason is Reason.TOO_CLOSE)
             piece, until = verdict.free_until
-            assert 0.6 * (piece + until) / pieces - 0.2 <= gap - clearance <= verdict.chart_point[0] + 1e-5
+            assert 0.6 * (piece + until) / pieces - 0.2 <= gap - clearance <= verdict.local_point[0] + 1e-5
 
 
 @pytest.mark.parametrize(
@@ -274,7 +274,7 @@ def test_a_motion_that_goes_into_an_obstacle_is_in_contact_and_not_undecided(pie
 def test_other_joints_are_certified_as_soundly(joints, seed):
     rng = np.random.default_rng(seed)
     arm = grouped(box_arm(joints, 0))
-    at_rest = arm.expand_from_chart(np.full(arm.nv, 0.1))
+    at_rest = arm.expand_from_local(np.full(arm.nv, 0.1))
     obstacles = [o for o in scattered(rng, 12, reach=1.2) if not world_of(arm, [o]).in_collision(at_rest)]
     world = world_of(arm, obstacles)
     outcomes = set()
@@ -284,17 +284,17 @@ def test_other_joints_are_certified_as_soundly(joints, seed):
         outcomes.add(verdict.reason)
         if verdict.free:
             for z in dense(control, STEP):
-                assert (pair_distances(world, arm.from_chart(z)) > 0.0).all()
+                assert (pair_distances(world, arm.from_local(z)) > 0.0).all()
         elif verdict.reason is Reason.CONTACT:
-            assert world.in_collision(arm.expand_from_chart(verdict.chart_point))
+            assert world.in_collision(arm.expand_from_local(verdict.local_point))
     assert outcomes & {Reason.FREE, Reason.CONTACT}
 
 
 def test_a_whole_turn_of_a_continuous_joint_is_judged_as_a_turn():
     arm = grouped(box_arm("y continuous", 0))
     start, end = np.array([0.5, 0.0]), np.array([0.5, 2 * np.pi])
-    assert arm.from_chart(start) == pytest.approx(arm.from_chart(end))
-    turned = arm.expand_from_chart(np.array([0.5, 2.0]))
+    assert arm.from_local(start) == pytest.approx(arm.from_local(end))
+    turned = arm.expand_from_local(np.array([0.5, 2.0]))
     data = arm.model.createData()
     pin.forwardKinematics(arm.model, data, turned)
     hit = data.oMi[2].act(np.array([0, 0, 0.25]))
@@ -373,7 +373,7 @@ def test_a_deadline_that_passes_among_the_smallest_distances_leaves_the_verdict(
             return self.asked > 1
 
     world = panda_in("bookshelf")
-    z = world.group.chart(world.group.part_of(world.group.robot.rest))
+    z = world.group.to_local(world.group.part_of(world.group.robot.rest))
     curve = Curve(np.array([[z, z + np.linspace(0.3, -0.2, len(z))]]), np.array([0.0, 1.0]))
     goal = SearchQuery(0.0, spans=[(0.0, 1.0)], samples=np.linspace(0.0, 1.0, 9))
     whole = search.search(world, curve, goal)
@@ -419,7 +419,7 @@ def test_more_is_asked_for_than_has_to_be_kept(distance):
 
 
 PANDA = group("panda")
-START = PANDA.chart(rest(PANDA))
+START = PANDA.to_local(rest(PANDA))
 END = START + np.array([1.2, 0.2, 0.0, 0.1, 0.0, 0.0, 0.0])
 SWING = np.array([[START, START, END, END]])
 
@@ -448,7 +448,7 @@ def sampled_free(scene: Scene, times: np.ndarray, clearance: float) -> bool:
     for s in np.linspace(0.0, 1.0, 120):
         share = 3.0 * s**2 - 2.0 * s**3
         world = World.build(PANDA, scene.at(times[0] + s * (times[1] - times[0])))
-        q = PANDA.from_chart(START + share * (END - START))
+        q = PANDA.from_local(START + share * (END - START))
         if contacts_at(world, q) or clearance_at(world, q).obstacle_distance < clearance:
             return False
     return True
@@ -463,7 +463,7 @@ def test_it_says_what_dense_samples_say(since: float, until: float, clearance: f
     if not verdict.free:
         assert verdict.pair[1] == "ball"
         assert verdict.reason in (Reason.CONTACT, Reason.TOO_CLOSE)
-        assert verdict.chart_point is not None
+        assert verdict.local_point is not None
 
 
 def test_waiting_is_a_motion_too() -> None:
@@ -601,6 +601,6 @@ def test_a_tube_is_free_of_what_moves_at_each_time(seed, steps):
             for share in rng.uniform(0.0, 1.0, 3):
                 now = world_at(world, begin + share * (end - begin))
                 inside = beside(rng, (piece[:1] + share * (piece[1:] - piece[:1])), tube, 2)
-                assert not any(now.in_collision(world.group.expand_from_chart(z)) for z in inside)
+                assert not any(now.in_collision(world.group.expand_from_local(z)) for z in inside)
     else:
         assert verdict.free_until is not None

@@ -75,10 +75,10 @@ class TestGradient:
                 if not 1e-3 < distance < 10.0:
                     continue
                 gradient = clearance_gradient(world, q, one, own=own)
-                z = group.chart(group.part_of(q))
+                z = group.to_local(group.part_of(q))
                 for column in range(group.nv):
                     step = h * np.eye(group.nv)[column]
-                    ends = [clearance_at(world, group.expand_from_chart(z + s * step)) for s in (1.0, -1.0)]
+                    ends = [clearance_at(world, group.expand_from_local(z + s * step)) for s in (1.0, -1.0)]
                     there, back = (e.self_distance if own else e.obstacle_distance for e in ends)
                     forward, backward = (there - distance) / h, (distance - back) / h
                     if abs(forward - backward) < 1e-3:  # where the closest pair changes there is no derivative

@@ -30,7 +30,7 @@ def test_rows_are_the_derivatives_of_the_numbers(name):
     frames = ConstrainedFrames(arm, constraints(arm.tip))
     rng = np.random.default_rng(0)
     for _ in range(10):
-        z = arm.chart(arm.random(rng))
+        z = arm.to_local(arm.random(rng))
         _, rows = frames.values_and_rows(z)
         h = 1e-6 * np.eye(arm.nv)
         expected = np.array([(frames.values(z + d) - frames.values(z - d)) / 2e-6 for d in h]).T
@@ -39,7 +39,7 @@ def test_rows_are_the_derivatives_of_the_numbers(name):
 
 def test_the_numbers_mean_what_they_say():
     arm = group("panda")
-    z = arm.chart(arm.random(np.random.default_rng(1)))
+    z = arm.to_local(arm.random(np.random.default_rng(1)))
     cone, near_plane, near_line = constraints(arm.tip)
     here = ConstrainedFrames(arm, (cone,))
     assert here.values(z)[0] == pytest.approx(np.arccos(_placement(arm, z).rotation[2] @ ASKEW))
@@ -51,7 +51,7 @@ def test_the_numbers_mean_what_they_say():
 
 def _placement(arm, z):
     data = arm.model.createData()
-    pin.framesForwardKinematics(arm.model, data, arm.from_chart(z))
+    pin.framesForwardKinematics(arm.model, data, arm.from_local(z))
     return data.oMf[arm.tip_id]
 
 
@@ -64,7 +64,7 @@ def test_what_is_certified_is_kept_and_what_is_not_is_shown(kind, seed):
     arm = group(kind) if kind == "panda" else grouped(box_arm(kind, 0))
     rng = np.random.default_rng(seed)
     turns = world_of(arm, []).bodies.turns
-    control = arm.chart(arm.random(rng)) + np.cumsum(rng.normal(size=(4, arm.nv)) * rng.choice([0.02, 0.2]), axis=0)
+    control = arm.to_local(arm.random(rng)) + np.cumsum(rng.normal(size=(4, arm.nv)) * rng.choice([0.02, 0.2]), axis=0)
     samples = dense(control, 2e-3)
     for constraint in constraints(arm.tip):
         frames = ConstrainedFrames(arm, (constraint,))
@@ -74,8 +74,8 @@ def test_what_is_certified_is_kept_and_what_is_not_is_shown(kind, seed):
         broken = ConstrainedFrames(arm, (dataclasses.replace(constraint, limit=most - 1e-4),))
         verdict = certify_constraints(broken, turns, control[None])
         assert not verdict.free
-        assert np.abs(samples - verdict.chart_point).max(axis=1).min() < 3e-3
-        assert broken.values(verdict.chart_point)[0] > broken.limits[0] - 1e-4
+        assert np.abs(samples - verdict.local_point).max(axis=1).min() < 3e-3
+        assert broken.values(verdict.local_point)[0] > broken.limits[0] - 1e-4
 
 
 def test_joints_that_cancel_are_certified_to_keep_a_narrow_constraint_in_few_evaluations():
@@ -89,7 +89,7 @@ def test_joints_that_cancel_are_certified_to_keep_a_narrow_constraint_in_few_eva
     assert verdict.evaluations < 1000
     off = certify_constraints(frames, turns, (way + np.array([[0.0, 0.0], [0.0, 1.2e-4]]))[None])
     assert not off.free
-    assert frames.values(off.chart_point)[0] > 1e-4 - 1e-9
+    assert frames.values(off.local_point)[0] > 1e-4 - 1e-9
 
 
 def test_a_judgement_that_is_stopped_says_so():
@@ -163,7 +163,7 @@ def test_the_certificate_refuses_what_is_beyond_a_limit_between_the_samples():
     assert verdict.parameter == pytest.approx(0.5, abs=1e-5)
     assert (verdict.beyond.joint, verdict.beyond.lower, verdict.beyond.upper) == ("j2", -2.0, 2.0)
     assert verdict.beyond.value == pytest.approx(2.05, abs=1e-12)
-    np.testing.assert_allclose(verdict.chart_point, [0.15, 2.05], atol=1e-5)
+    np.testing.assert_allclose(verdict.local_point, [0.15, 2.05], atol=1e-5)
 
 
 def test_control_points_may_be_beyond_limits_where_the_curve_is_not():

@@ -65,7 +65,7 @@ def found_along(place: World, trajectory: Trajectory, times: Sequence[float] | N
 
 def at(planned: PlanningGroup, trajectory: Trajectory, time: float) -> np.ndarray:
     """A configuration of the model, by way of one of the group."""
-    return planned.expand(planned.from_chart(trajectory.evaluate(np.array([time]))[0][0]))
+    return planned.expand(planned.from_local(trajectory.evaluate(np.array([time]))[0][0]))
 
 
 def plain_distance(place: World, trajectory: Trajectory, answer: Smallest) -> float:
@@ -265,7 +265,7 @@ def test_a_motion_that_goes_nowhere_is_one_place() -> None:
     z = np.zeros(place.group.nv)
     still = Curve(np.tile(z, (1, 4, 1)), np.zeros(2))
     found = smallest_along(place, still, np.zeros(1), [(0.0, 0.0)])
-    exact = clearance_at(place, place.group.expand_from_chart(z)).obstacle_distance
+    exact = clearance_at(place, place.group.expand_from_local(z)).obstacle_distance
     assert found.obstacle[0].distance == pytest.approx(exact, abs=ACCURACY)
 
 

@@ -15,7 +15,7 @@ from tests.referee.cases import straight
 @pytest.fixture(scope="module")
 def asked() -> tuple:
     world = panda_in("bookshelf")
-    start = world.group.chart(world.group.part_of(world.group.robot.rest))
+    start = world.group.to_local(world.group.part_of(world.group.robot.rest))
     end = start + np.linspace(0.3, -0.2, len(start))
     curve = curve_of(straight(world, [start, end]))
     return world, curve, SearchQuery(0.0, spans=[(0.0, 1.0)], samples=np.linspace(0.0, 1.0, 9))

@@ -117,7 +117,7 @@ def made_up(name: str = "panda", status: replies.Outcome | None = None) -> MadeU
     events = (
         StageEntered("guide", "two guide planes to cross"),
         *(
-            Step(StepKind(kind), group.from_chart(z), f"step {i}", potential=None if i == 2 else 4.0 - 0.1 * i, plane=0)
+            Step(StepKind(kind), group.from_local(z), f"step {i}", potential=None if i == 2 else 4.0 - 0.1 * i, plane=0)
             for i, (kind, z) in enumerate(
                 zip(("start", "advance", "slide", "reorient", "advance"), waypoints, strict=False)
             )
@@ -132,7 +132,7 @@ def made_up(name: str = "panda", status: replies.Outcome | None = None) -> MadeU
 
 
 def grown_trees(group: PlanningGroup) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Two trees of chart points that nobody searched with: a chain, and two roots with three children each."""
+    """Two trees of local coordinates that nobody searched with: a chain, and two roots with three children each."""
     rng = np.random.default_rng(7)
     chain, bushes = rng.uniform(-0.5, 0.5, (12, group.nv)), rng.uniform(-0.5, 0.5, (8, group.nv))
     return (chain, np.arange(-1, 11)), (bushes, np.array([-1, -1, 0, 0, 0, 1, 1, 1]))
@@ -150,7 +150,7 @@ def _profile(group: PlanningGroup, trajectory: Trajectory, rng: np.random.Genera
     witness[4] = np.nan
     return ClearanceProfile(
         times=times,
-        configurations=np.array([group.from_chart(z) for z in trajectory.evaluate(times)[0]]),
+        configurations=np.array([group.from_local(z) for z in trajectory.evaluate(times)[0]]),
         lengths=np.linspace(0.0, 2.0, count),
         obstacle_distance=distances,
         obstacle_pair=tuple(pairs),

@@ -338,7 +338,7 @@ def searched(request: pytest.FixtureRequest) -> MadeUp:
 def _tip(searched: MadeUp, z: np.ndarray) -> np.ndarray:
     model = searched.group.model
     data = model.createData()
-    pin.framesForwardKinematics(model, data, searched.group.expand_from_chart(z))
+    pin.framesForwardKinematics(model, data, searched.group.expand_from_local(z))
     return np.array(data.oMf[model.getFrameId(searched.group.tip)].translation)
 
 

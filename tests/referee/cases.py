@@ -38,7 +38,7 @@ def planned(request: PlanRequest, robot: RobotModel) -> case_file.Motion:
 
 
 def straight(world: World, ends: Any, min_clearance: float = 0.0) -> case_file.Motion:
-    """A path of straight lines in the chart, without times."""
+    """A path of straight lines in local coordinates, without times."""
     return case_file.Motion(world, Placement(), (), None, np.array(ends, float), None, min_clearance=min_clearance)
 
 

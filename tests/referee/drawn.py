@@ -72,7 +72,7 @@ def _chain(rng: np.random.Generator) -> str:
 
 def _curve(rng: np.random.Generator, planned: PlanningGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     count, spread = int(rng.integers(2, 4)), float(rng.choice([0.02, 0.2, 1.0]))
-    start = planned.chart(planned.part_of(planned.robot.rest))
+    start = planned.to_local(planned.part_of(planned.robot.rest))
     steps = rng.normal(size=(count, planned.nv)) * spread
     times = np.r_[0.0, np.cumsum(rng.uniform(0.3, 2.0, count - 1))]
     return times, start + np.cumsum(steps, axis=0), 0.3 * spread * rng.normal(size=steps.shape)

@@ -47,7 +47,7 @@ def touched(drawn: Drawn) -> float | None:
     trajectory = Trajectory(motion.times, motion.positions, motion.velocities)
     for now in np.linspace(0.0, motion.times[-1], SAMPLES):
         here = World.build(world.group, world.scene.at(now)) if world.scene.moves else world
-        q = world.group.expand_from_chart(trajectory.evaluate(np.array([now]))[0][0])
+        q = world.group.expand_from_local(trajectory.evaluate(np.array([now]))[0][0])
         if here.in_collision(q) or enclosed(here, q):
             return float(now)
     return None
@@ -57,7 +57,7 @@ def certified(drawn: Drawn) -> bool:
     world, motion = drawn.motion.world, drawn.motion
     trajectory = Trajectory(motion.times, motion.positions, motion.velocities)
     begin = World.build(world.group, world.scene.at(0.0))
-    if enclosed(begin, world.group.expand_from_chart(motion.positions[0])):
+    if enclosed(begin, world.group.expand_from_local(motion.positions[0])):
         return False
     if world.scene.moves:
         timed = world
@@ -79,7 +79,7 @@ def test_it_agrees_with_the_certificate_and_with_dense_samples(moving, count):
             moment = min(finding.time, drawn.motion.times[-1])
             world = World.build(drawn.motion.world.group, drawn.motion.world.scene.at(moment))
             trajectory = Trajectory(drawn.motion.times, drawn.motion.positions, drawn.motion.velocities)
-            q = world.group.expand_from_chart(trajectory.evaluate(np.array([moment]))[0][0])
+            q = world.group.expand_from_local(trajectory.evaluate(np.array([moment]))[0][0])
             assert world.in_collision(q), (seed, finding)
     assert {Answer.FREE, Answer.CONTACT} <= set(answers)
 
@@ -142,7 +142,7 @@ def test_followers_follow_the_unwrapped_value_beyond_half_a_turn(follower):
     """A ball is within the last link where that is once the driver has turned by 4 rad; or beside it."""
     planned = grouped(box_arm(f"continuous {follower}", 2), "l2")
     world = world_of(planned, [])
-    world.place(planned.expand_from_chart(np.array([4.0])))
+    world.place(planned.expand_from_local(np.array([4.0])))
     there = world.placement(2)
     for beside, answer in ((0.0, Answer.CONTACT), (0.1, Answer.FREE)):
         place = tuple(there.act(np.array([0.0, beside, 0.0])).tolist())
@@ -268,7 +268,7 @@ def holding_a_book(below: float) -> Any:
     return (
         world_of(holding, [box("shelf", (0.1, 0.1, 0.02), (x, y, z - below - 0.01))]),
         book,
-        holding.chart(rest(holding)),
+        holding.to_local(rest(holding)),
     )
 
 
@@ -304,7 +304,7 @@ def test_path_constraints_hold_between_samples(constraint, kept):
 def test_no_sample_breaks_a_constraint_by_more_than_may_be_lost(seed: int) -> None:
     """In boxes about a place, of a Panda's tip: first and second order bound what counts of its motion."""
     rng, planned = np.random.default_rng(seed), group("panda")
-    z = planned.chart(rest(planned)) + rng.normal(size=planned.nv) * 0.3
+    z = planned.to_local(rest(planned)) + rng.normal(size=planned.nv) * 0.3
     tip, there = "panda_hand", tuple(rng.normal(size=3).tolist())
     constraints = [
         OrientationCone(frame=tip, axis=there, target_axis=(0, 0, 1), half_angle=0.5),
@@ -350,7 +350,7 @@ def test_a_contact_that_is_left_is_a_case_of_its_own():
 
 def test_a_panda_among_ten_obstacles_keeps_what_it_is_said_to():
     world = panda_in("bookshelf")
-    z = world.group.chart(rest(world.group))
+    z = world.group.to_local(rest(world.group))
     case = read(straight(world, [z, z + 0.1]))
     assert judge(case).answer is Answer.FREE
     assert certify(world, np.array([[z, z + 0.1]])).free

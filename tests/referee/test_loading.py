@@ -106,7 +106,7 @@ def test_what_nobody_here_can_judge_is_not_judged():
 def test_a_file_is_judged_by_a_program_of_its_own(tmp_path):
     """The file holds all there is: nothing of guidefield but the referee is loaded to judge it."""
     planned = group("panda")
-    z = planned.chart(planned.part_of(planned.robot.rest))
+    z = planned.to_local(planned.part_of(planned.robot.rest))
     motion = straight(world_of(planned, [box("b", (0.1, 0.1, 0.1), (1, 0, 0))]), [z, z + 0.1])
     path = tmp_path / "motion.json.xz"
     case_file.write(path, motion)
@@ -155,7 +155,7 @@ def test_bodies_stand_where_the_robot_has_them(name):
     placed = pin.SE3(pin.Quaternion(w, x, y, z), np.array(root.position))
     planned = select(model, None, None, model.rest, placed)
     world = world_of(planned, [])
-    point = planned.chart(planned.random(rng))
+    point = planned.to_local(planned.random(rng))
     motion = case_file.Motion(world, root, (), None, np.array([point, point]), None)
     case = read(motion)
     q, values = pin.neutral(case.model), case.spread @ point + case.offset
@@ -163,7 +163,7 @@ def test_bodies_stand_where_the_robot_has_them(name):
         q = pin.integrate(case.model, q, step)
     data = case.model.createData()
     pin.forwardKinematics(case.model, data, q)
-    world.place(planned.expand_from_chart(point))
+    world.place(planned.expand_from_local(point))
     for index, body in enumerate(case.bodies):
         there = world.placement(index)
         assert (data.oMi[body.joint] * body.placement).isApprox(there, 1e-9)
@@ -200,7 +200,7 @@ def test_a_cloud_is_balls_and_a_polygon_a_wall():
 
 def test_meshes_of_a_robot_are_in_the_file_and_in_their_hulls():
     panda = group("panda")
-    z = panda.chart(panda.part_of(panda.robot.rest))
+    z = panda.to_local(panda.part_of(panda.robot.rest))
     case = read(straight(world_of(panda, []), [z]))
     meshes = [body for body in case.bodies if isinstance(body.exact, coal.BVHModelBase)]
     assert len(meshes) == sum(choice.shape == "mesh" for choice in panda.robot.geometry_choices)
@@ -259,7 +259,7 @@ def test_a_planar_joint_moves_as_its_axis_says(axis: str) -> None:
     planned = grouped(UrdfText(text=text), "b")
     model, data = planned.model, planned.model.createData()
     z = np.array([0.6, -0.4, 0.7])
-    pin.framesForwardKinematics(model, data, planned.expand_from_chart(z))
+    pin.framesForwardKinematics(model, data, planned.expand_from_local(z))
     there = data.oMf[planned.tip_id].translation
     (case,) = case_file.make_cases(straight(world_of(planned, [box("box", (0.02,) * 3, there)]), [0.9 * z, 1.1 * z]))
     assert judge(case_of(json.loads(json.dumps(case)))).answer is Answer.CONTACT

@@ -101,14 +101,14 @@ def assert_alike(model, plain, links, joints, moving) -> None:
     z = np.linspace(0.3, 0.7, len(moving))
     for link, plain_link in zip(links, PLAIN[0], strict=True):
         found, right = (
-            Kinematics(group).frame_placement(group.expand_from_chart(z), group.robot.frame_id(name))
+            Kinematics(group).frame_placement(group.expand_from_local(z), group.robot.frame_id(name))
             for group, name in zip(groups, (link, plain_link), strict=True)
         )
         assert found.isApprox(right, 1e-12), (links, joints, moving, link)
     bodies = []
     for group, names in zip(groups, (links, PLAIN[0]), strict=True):
         data = group.model.createData()
-        pin.forwardKinematics(group.model, data, group.expand_from_chart(z))
+        pin.forwardKinematics(group.model, data, group.expand_from_local(z))
         shapes = group.geometry.geometryObjects
         where = {
             group.robot.link_of_geometry(k): data.oMi[one.parentJoint] * one.placement for k, one in enumerate(shapes)

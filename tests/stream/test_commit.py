@@ -167,7 +167,7 @@ class Judged:
         geometry, data = self.group.geometry, self.group.model.createData()
         placed, least = geometry.createData(), np.inf
         for time in np.linspace(commit.begins, commit.stops, samples):
-            q = self.group.expand_from_chart(commit.state(time)[:, 0])
+            q = self.group.expand_from_local(commit.state(time)[:, 0])
             pin.updateGeometryPlacements(self.group.model, data, geometry, placed, q)
             at = np.array(seen.placement.position) + (time - seen.time) * np.array(seen.velocity)
             pose = se3(tuple(at), seen.placement.quaternion_xyzw)
@@ -238,7 +238,7 @@ def test_a_cloud_a_mesh_and_a_half_space_are_judged_as_what_they_are() -> None:
         judged = Judged("ur5", [StreamObstacle(message, 0.1)])
         commit = Commit.standing(judged.opened.start, 0.0)
         data = judged.group.model.createData()
-        pin.framesForwardKinematics(judged.group.model, data, judged.group.expand_from_chart(judged.opened.start))
+        pin.framesForwardKinematics(judged.group.model, data, judged.group.expand_from_local(judged.opened.start))
         tip = np.array(data.oMf[judged.group.tip_id].translation)
         far = tip + np.array([1.0, 0.0, 0.0])
         for where, free in ((tip, False), (far, True)):
@@ -284,7 +284,7 @@ def test_ways_are_bounded_by_what_is_travelled() -> None:
         geometry, data = judged.group.geometry, judged.group.model.createData()
         placed, before, ways = geometry.createData(), None, np.zeros(geometry.ngeoms)
         for time in np.linspace(0.0, commit.stops, 40):
-            q = judged.group.expand_from_chart(commit.state(time)[:, 0])
+            q = judged.group.expand_from_local(commit.state(time)[:, 0])
             pin.updateGeometryPlacements(judged.group.model, data, geometry, placed, q)
             now = np.array([pose.translation for pose in placed.oMg])
             ways += 0.0 if before is None else np.linalg.norm(now - before, axis=1)

@@ -12,7 +12,7 @@ from guidefield.kernels.collide.parts import BALL_ROW, LEFT, LINK, RIGHT
 from guidefield.messages.scene import HalfSpace, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
 from guidefield.messages.values import JointsGoal, Placement
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.scene.scene import build
 from guidefield.stream.dodging import TimedPath
 from guidefield.stream.obstacles import DriftingObstacles
@@ -27,11 +27,11 @@ LARGER = 0.05  # links are told to be larger than they are by so much at most [m
 UP = {"shoulder_lift_joint": -1.5, "elbow_joint": 0.5}
 
 
-def top(stream: CertifiedStream, z: ChartPoint) -> float:
+def top(stream: CertifiedStream, z: LocalPoint) -> float:
     """How high a robot is with some coordinates (nv,), by Pinocchio and Coal [m]."""
     geometry = stream.group.geometry
     placed, data = geometry.createData(), stream.group.model.createData()
-    pin.updateGeometryPlacements(stream.group.model, data, geometry, placed, stream.group.expand_from_chart(z))
+    pin.updateGeometryPlacements(stream.group.model, data, geometry, placed, stream.group.expand_from_local(z))
     ceiling = coal.Halfspace(np.array([0.0, 0.0, -1.0]), -10.0)
     gaps = [
         coal.distance(
@@ -81,7 +81,7 @@ def test_gaps_are_no_larger_than_distances_and_motions_keep_from_what_drifts() -
         turns = [pin.exp3(turn) for turn in rng.normal(size=(3, 3))]
         rows[:, :12].reshape(3, 3, 4)[:, :, :3], rows[:, 12:15] = turns, 0.5 * sides
         rows[:, [3, 7, 11]] = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0], (3, 3))
-        pin.updateGeometryPlacements(group.model, data, group.geometry, placed, group.expand_from_chart(z))
+        pin.updateGeometryPlacements(group.model, data, group.geometry, placed, group.expand_from_local(z))
         distances = np.array([
             min(
                 coal.distance(
@@ -129,7 +129,7 @@ def test_ways_are_planned_to_where_obstacles_will_be() -> None:
     z1, model, kept = z0.copy(), stream.group.model, ClearanceRule(0.02, 0.0)
     z1[0] += 1.5
     data = model.createData()
-    pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(0.5 * (z0 + z1)))
+    pin.framesForwardKinematics(model, data, stream.group.expand_from_local(0.5 * (z0 + z1)))
     tip, rise = data.oMf[stream.group.tip_id].translation, 2.0
     drop = rise * 0.75 / speeds[0]
     free = {

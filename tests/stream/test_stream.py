@@ -25,7 +25,7 @@ from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.scene import Box, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import JointSetGoal, JointsGoal, Placement
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
 from tests.robots import robot
@@ -82,7 +82,7 @@ def fastest(stream: CertifiedStream, piece: Piece, frame: str) -> float:
     for k, span in enumerate(np.diff(begins)):
         for t in np.linspace(0.0, span, 8, endpoint=False):
             z = q[k] + t * (v[k] + t * (a[k] / 2.0 + t * (a[k + 1] - a[k]) / (6.0 * span)))
-            pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(z))
+            pin.framesForwardKinematics(model, data, stream.group.expand_from_local(z))
             places.append(data.oMf[index].translation.copy())
             times.append(begins[k] + t)
     apart = np.diff(times) > 1e-5  # nearer ones are but rounding
@@ -179,7 +179,7 @@ def test_a_robot_that_stands_gives_way_to_what_drifts_into_it() -> None:
     for taking in (True, False):
         with opened(ball(speed=0.15), goal=None) as stream:
             data = stream.group.model.createData()
-            pin.framesForwardKinematics(stream.group.model, data, stream.group.expand_from_chart(stream.executing.ends))
+            pin.framesForwardKinematics(stream.group.model, data, stream.group.expand_from_local(stream.executing.ends))
             tip = np.array(data.oMf[stream.group.tip_id].translation)
             away = np.array([1.0, 0.0, 0.3])
             drift = -0.12 * away / np.linalg.norm(away)
@@ -238,11 +238,11 @@ def test_a_robot_at_rest_that_nothing_can_be_proven_for_says_what_is_too_close()
         assert 0.0 < gaps[link] < speed * (state.time - state.update) + 0.02
 
 
-def gaps_at(stream: CertifiedStream, z: ChartPoint, shape: Any, where: np.ndarray) -> dict[str, float]:
+def gaps_at(stream: CertifiedStream, z: LocalPoint, shape: Any, where: np.ndarray) -> dict[str, float]:
     """How far each link is from a shape, with coordinates (nv,) of the robot, by Pinocchio and Coal [m]."""
     geometry, model = stream.group.geometry, stream.group.model
     placed, data = geometry.createData(), model.createData()
-    pin.updateGeometryPlacements(model, data, geometry, placed, stream.group.expand_from_chart(z))
+    pin.updateGeometryPlacements(model, data, geometry, placed, stream.group.expand_from_local(z))
     gaps: dict[str, float] = {}
     for one, here in zip(geometry.geometryObjects, placed.oMg, strict=True):
         gap = coal.distance(
@@ -269,7 +269,7 @@ def on_the_way(stream: CertifiedStream, time: float) -> Observation:
     commits = [one for one in stream._state.commits.values() if one.begins <= time]
     z = max(commits, key=lambda one: one.begins).state(time)[:, 0]
     data = stream.group.model.createData()
-    pin.framesForwardKinematics(stream.group.model, data, stream.group.expand_from_chart(z))
+    pin.framesForwardKinematics(stream.group.model, data, stream.group.expand_from_local(z))
     return Observation("ball", time, Placement(tuple(data.oMf[stream.group.tip_id].translation.tolist())))
 
 
@@ -369,7 +369,7 @@ def test_what_the_robot_may_be_off_by_counts_before_what_appears() -> None:
                     continue
                 base, places = stream._state.commits[answer.follows], []
                 for z in (base.state(0.02 * cycle)[:, 0] - off, stream.executing.ends + off):
-                    pin.framesForwardKinematics(model, data, group.expand_from_chart(z))
+                    pin.framesForwardKinematics(model, data, group.expand_from_local(z))
                     places.append(np.array(data.oMf[group.tip_id].translation))
                 longest = max(longest, float(np.linalg.norm(places[1] - places[0])))
             assert longest < 0.08
@@ -425,11 +425,11 @@ def tip_at(stream: CertifiedStream, pan: float) -> Placement:
     return tip_with(stream, z)
 
 
-def tip_with(stream: CertifiedStream, z: ChartPoint) -> Placement:
+def tip_with(stream: CertifiedStream, z: LocalPoint) -> Placement:
     """Where the tip is with coordinates (nv,), by Pinocchio."""
     model = stream.group.model
     data = model.createData()
-    pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(z))
+    pin.framesForwardKinematics(model, data, stream.group.expand_from_local(z))
     x, y, height = data.oMf[stream.group.tip_id].translation.tolist()
     return Placement((x, y, height))
 

@@ -135,7 +135,7 @@ def _is_apart(stream: Stream) -> None:
     """The apple stands apart from the crate, by plain Pinocchio and Coal."""
     group = stream.group
     placed = group.geometry.createData()
-    q = group.expand_from_chart(stream.executing.ends)
+    q = group.expand_from_local(stream.executing.ends)
     pin.updateGeometryPlacements(group.model, group.model.createData(), group.geometry, placed, q)
     apple = next(k for k in range(group.geometry.ngeoms) if group.robot.link_of_geometry(k) == "apple")
     here = coal.Transform3s(np.eye(3), placed.oMg[apple].translation)

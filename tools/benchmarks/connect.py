@@ -161,7 +161,7 @@ def _hits(world: World, path: np.ndarray) -> bool:
     for a, b in itertools.pairwise(path):
         count = max(1, int(np.ceil(np.linalg.norm(b - a) / JUDGED_STEP)))
         for share in np.arange(1, count + 1) / count:
-            if world.in_collision(world.group.expand_from_chart(a + share * (b - a))):
+            if world.in_collision(world.group.expand_from_local(a + share * (b - a))):
                 return True
     return False
 

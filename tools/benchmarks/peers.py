@@ -107,7 +107,7 @@ def ompl(task: Task) -> Answer:
     setup = geometric.SimpleSetup(space)
 
     def free(state: Any) -> bool:
-        return not task.world.in_collision(group.expand_from_chart(np.array([state[j] for j in range(group.nv)])))
+        return not task.world.in_collision(group.expand_from_local(np.array([state[j] for j in range(group.nv)])))
 
     def state(values: np.ndarray) -> Any:
         made = space.allocState()

@@ -80,11 +80,11 @@ class Problems:
         return {one.name: float(robot.rest[one.idx_q]) for one in robot.joints if one.nq == 1 and one.mimic is None}
 
     def ends(self, problem: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        """Chart points (nv,) of start and goal."""
-        start, goal = (self._chart(values) for values in (problem["start"], problem["goals"][0]))
+        """Local coordinates (nv,) of start and goal."""
+        start, goal = (self._local(values) for values in (problem["start"], problem["goals"][0]))
         return start, goal
 
-    def _chart(self, values: list[float]) -> np.ndarray:
+    def _local(self, values: list[float]) -> np.ndarray:
         by_name = dict(zip(self.names, values, strict=True))
         # a few values of the problems lie some micrometres or microradians beyond the limits
         ordered = [by_name[joint.name] for joint in self.group.joints]
@@ -151,7 +151,7 @@ def public_requests(given: Problems) -> tuple[list[PlanRequest], list[PlanReques
             recording="off",
         )
         joints.append(request)
-        pose = Kinematics(group).frame_placement(group.expand_from_chart(given.ends(problem)[1]), group.tip_id)
+        pose = Kinematics(group).frame_placement(group.expand_from_local(given.ends(problem)[1]), group.tip_id)
         turn = pin.Quaternion(pose.rotation).coeffs().tolist()
         goal_pose = PoseGoal(position=tuple(pose.translation.tolist()), quaternion_xyzw=tuple(turn))
         poses.append(msgspec.structs.replace(request, goal=goal_pose))

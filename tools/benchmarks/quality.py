@@ -149,9 +149,9 @@ def _problem(given: Problems, declared: dict[str, Any], options: argparse.Namesp
     if options.acceleration is not None:
         group = group.with_limits({}, {joint.name: options.acceleration for joint in group.joints}, 1.0, 1.0)
     kinematics = Kinematics(group)
-    goal: Goal = ConfigurationGoal((group.from_chart(end),))
+    goal: Goal = ConfigurationGoal((group.from_local(end),))
     if options.poses:
-        pose = kinematics.frame_placement(group.expand_from_chart(end), group.tip_id)
+        pose = kinematics.frame_placement(group.expand_from_local(end), group.tip_id)
         goal = TipGoal(PoseTarget(pose, np.zeros(3), np.zeros(3)))
     return Problem(
         group=group,
@@ -159,7 +159,7 @@ def _problem(given: Problems, declared: dict[str, Any], options: argparse.Namesp
         world=World.build(group, scene),
         robot_field=RobotField(group, scene, Precision.SINGLE),
         kinematics=kinematics,
-        q_start=group.from_chart(start),
+        q_start=group.from_local(start),
         goal=goal,
         deadline=Deadline(time.monotonic() + SECONDS),
         observer=clock,
@@ -217,13 +217,13 @@ def judge_motion(world: World, curve: Curve) -> Judged:
         spans.append((since, until))
     times = np.linspace(curve.times[0], curve.times[-1], SAMPLES)
     minimum, *inner = (found.distance for found in smallest_along(world, curve, times, spans).obstacle)
-    ends = [clearance_at(world, world.group.expand_from_chart(z)).obstacle_distance for z in samples[[0, -1]]]
+    ends = [clearance_at(world, world.group.expand_from_local(z)).obstacle_distance for z in samples[[0, -1]]]
     return Judged(
         minimum=minimum,
         inner=inner[0] if inner else np.nan,
         ends=min(ends),
         length=float(lengths[-1]),
-        hits=any(world.in_collision(world.group.expand_from_chart(z)) for z in samples),
+        hits=any(world.in_collision(world.group.expand_from_local(z)) for z in samples),
     )
 
 

@@ -135,7 +135,7 @@ def problem_of(loaded: Loaded, seed: int, seconds: float, *, jerk: bool = False,
         if not ends_free or is_passed(loaded, obstacles) != met:
             continue
         goal = next(
-            (z for z in (group.random(rng) for _ in range(50)) if not contacts_at(world, group.expand_from_chart(z))),
+            (z for z in (group.random(rng) for _ in range(50)) if not contacts_at(world, group.expand_from_local(z))),
             None,
         )
         if goal is not None:
@@ -143,7 +143,7 @@ def problem_of(loaded: Loaded, seed: int, seconds: float, *, jerk: bool = False,
     names = group.position_names
     fields = {
         "robot": loaded.reference,
-        "start": dict(zip(names, group.wire_positions(group.chart(start)), strict=True)),
+        "start": dict(zip(names, group.wire_positions(group.to_local(start)), strict=True)),
         "goal": JointsGoal(dict(zip(names, group.wire_positions(goal), strict=True))),
         "guide_planes": [],
         "allowed_planning_time": seconds,

@@ -360,7 +360,7 @@ def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> lis
 def _inner(judge: Judge, curve: Curve, sampled: Sampled, said: float) -> list[Disagreement]:
     """That a distance is smaller than the smallest without the ends of the way, some more than those left out."""
     fine = np.linspace(curve.times[0], curve.times[-1], 1000)
-    steps = np.diff(curve.chart_at(fine), axis=0) / _lengths(judge, curve)
+    steps = np.diff(curve.local_at(fine), axis=0) / _lengths(judge, curve)
     travelled = np.r_[0.0, np.cumsum(np.linalg.norm(steps, axis=1))]
     since, until = np.interp([END, travelled[-1] - END], travelled, fine)
     inside = ((sampled.times > since) & (sampled.times < until))[:, None] & sampled.exact & ~judge.own
@@ -456,7 +456,7 @@ def _at_goal(judge: Judge, request: PlanRequest, curve: Curve) -> list[Disagreem
 
 def _metrics(reply: PlanReply, curve: Curve) -> list[Disagreement]:
     """Length and duration that are off, by a share of 1e-3."""
-    fine = curve.chart_at(np.linspace(curve.times[0], curve.times[-1], 4000))
+    fine = curve.local_at(np.linspace(curve.times[0], curve.times[-1], 4000))
     length = float(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum())
     told = {"joint_path_length": (reply.metrics.joint_path_length, length)}
     told["duration"] = reply.metrics.duration, float(curve.times[-1] - curve.times[0])

@@ -41,7 +41,7 @@ class Part:
     Attributes:
         name: Of the joint.
         width: How many position columns it has.
-        at: Its coordinates in the chart.
+        at: Its coordinates in local coordinates.
         origin: The quaternion (x, y, z, w) that its rotation vectors start from, shape (4,); of no meaning to others.
     """
 
@@ -53,12 +53,12 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Cubic Hermite pieces between knots in the chart, or straight ones if there are no velocities.
+    """Cubic Hermite pieces between knots in local coordinates, or straight ones if there are no velocities.
 
     Attributes:
         parts: The joints.
         times: Shape (k,) [s]; of a path without time the numbers of its waypoints.
-        points: Chart coordinates, shape (k, nv) [rad or m].
+        points: Local coordinates, shape (k, nv) [rad or m].
         rates: Shape (k, nv) [1/s]; None for straight pieces.
     """
 
@@ -102,10 +102,10 @@ class Curve:
             if joint in continuous or width == 3:
                 mine[:, -1] = np.unwrap(mine[:, -1])
             parts.append(part)
-            z = _chart(part, mine)
+            z = _local(part, mine)
             points.append(z)
             if speeds is not None:
-                rates.append(_chart_rates(part, mine, z, speeds[:, first : first + nv]))
+                rates.append(_local_rates(part, mine, z, speeds[:, first : first + nv]))
             column, first = column + width, first + nv
         knots = np.arange(len(rows), dtype=float) if times is None else np.array(times, float)
         z = np.hstack(points)
@@ -113,8 +113,8 @@ class Curve:
             rates = [CubicSpline(knots, z).derivative()(knots)]
         return cls(tuple(parts), knots, z, np.hstack(rates) if rates else None)
 
-    def chart_at(self, times: np.ndarray) -> np.ndarray:
-        """Chart coordinates at times (n,), shape (n, nv)."""
+    def local_at(self, times: np.ndarray) -> np.ndarray:
+        """Local coordinates at times (n,), shape (n, nv)."""
         if len(self.times) == 1:
             return np.repeat(self.points, len(times), axis=0)
         piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
@@ -129,12 +129,12 @@ class Curve:
 
     def at(self, times: np.ndarray) -> Values:
         """Values of the joints at times (n,)."""
-        z = self.chart_at(times)
+        z = self.local_at(times)
         return {part.name: _values(part, z[:, part.at]) for part in self.parts}
 
 
-def _chart(part: Part, rows: np.ndarray) -> np.ndarray:
-    """Chart coordinates of rows of positions; rotation vectors go the shorter way from each to the next."""
+def _local(part: Part, rows: np.ndarray) -> np.ndarray:
+    """Local coordinates of rows of positions; rotation vectors go the shorter way from each to the next."""
     if part.width not in ROTATION:
         return rows.copy()
     found, back = [], pin.Quaternion(part.origin).normalized().conjugate()
@@ -157,8 +157,8 @@ def _turn(quaternion: pin.Quaternion) -> np.ndarray:
     return vector * (2.0 * np.arctan2(sine, w) / sine) if sine > 0.0 else vector
 
 
-def _chart_rates(part: Part, rows: np.ndarray, z: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-    """Chart velocities of tangents (k, nv) in the moved frame."""
+def _local_rates(part: Part, rows: np.ndarray, z: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    """Local velocities of tangents (k, nv) in the moved frame."""
     rates = tangents.copy()
     if part.width == 3:
         c, s = np.cos(z[:, 2]), np.sin(z[:, 2])

@@ -285,7 +285,7 @@ class Judge:
         if end <= start:
             return np.array([start])
         fine = np.union1d(np.linspace(start, end, 8 * MOST), curve.times[curve.times > start])
-        travelled = np.r_[0.0, np.cumsum(np.abs(np.diff(curve.chart_at(fine), axis=0)).max(axis=1))]
+        travelled = np.r_[0.0, np.cumsum(np.abs(np.diff(curve.local_at(fine), axis=0)).max(axis=1))]
         count = int(np.clip(travelled[-1] / STEP, FEWEST, MOST))
         if self._flights or travelled[-1] <= 0.0:
             return np.linspace(start, end, MOST if self._flights else FEWEST)

@@ -23,7 +23,7 @@ class Standing:
     Attributes:
         excess: The farthest that a joint is beyond a limit of the URDF [rad or m]; negative within.
         joint: Which joint that is.
-        shares: The largest share of each limit of a rate, of the chart's coordinates.
+        shares: The largest share of each limit of a rate, of the local coordinates.
         noise: How far off those may be for rounding.
         extremes: By joint of one coordinate: least and largest position, largest velocity, acceleration and jerk.
     """
@@ -53,7 +53,7 @@ def standing(loaded: Loaded, request: Request, curve: Curve) -> Standing:
 
 
 def _limits(loaded: Loaded, request: Request, curve: Curve, rate: str) -> np.ndarray:
-    """Limits of a rate of the chart's coordinates, shape (nv,); infinite where there is none.
+    """Limits of a rate of the local coordinates, shape (nv,); infinite where there is none.
 
     A joint that others follow is as slow as each of these needs it to be, by limits that somebody stated.
     """

@@ -151,7 +151,7 @@ class Bodies:
 
     def place(self, z: np.ndarray) -> np.ndarray:
         """Put them at coordinates z (nv,); where their frames are, shape (n, 3) [m]."""
-        q = self._group.expand_from_chart(z)
+        q = self._group.expand_from_local(z)
         pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.placed, q)
         return self._places()
 

@@ -217,7 +217,7 @@ class MotionBound(ReadOnly):
 
     from where it is at m; rho_bj is the largest distance of b from axis j *at m*. Proof: turn the joints one after the
     other from base to tip; while j turns, all joints beyond it still stand at m, so that b is as far from axis j as at
-    m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (`chart`), about an axis
+    m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (`to_local`), about an axis
     through its centre that may be any: rho is the largest distance from the centre. Lengths that belong together count
     by their norm. Of two moving bodies only joints that move one and not the other count: the others move both as one.
     A mimic joint's e is its source joint's times the size of its multiplier.
@@ -244,7 +244,7 @@ class MotionBound(ReadOnly):
     def at(self, jacobians: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Bound how much closer bodies can come: own pairs (s, n_self), and each to what stands still (s, r) [m].
 
-        Of boxes with half widths (s, group.nv) in the chart about configurations with joint Jacobians in the world
+        Of boxes of local coordinates with half widths (s, nv) about configurations with joint Jacobians in the world
         frame, shape (s, 6, nv of the model), and centres of the balls about the robot's bodies, shape (s, r, 3) [m,
         world].
         """
@@ -259,7 +259,7 @@ class MotionBound(ReadOnly):
         return own, beyond[..., 0]
 
     def find_spread(self, half_widths: np.ndarray) -> np.ndarray:
-        """Return half widths, or rates, of the joints' moves, (s, nv of the model), of those in the chart, (s, nv)."""
+        """Return half widths, or rates, of joints' moves, (s, nv of the model), of those of a point, (s, nv)."""
         spread: np.ndarray = np.sqrt((half_widths @ self.half_widths.T) ** 2 @ self.together)
         return spread
 

@@ -32,7 +32,7 @@ from guidefield.prove.curve import Curve
 from guidefield.prove.search import ContradictionError
 from guidefield.prove.tables import ROUNDED
 from guidefield.prove.verdict import with_coal_error
-from guidefield.robot.model.joints import ChartRate
+from guidefield.robot.model.joints import LocalRate
 
 ACCURACY = 2.0 * ROUNDED
 """Largest error of a distance that was found, beside Coal's [m]: rounding of kernels.
@@ -109,7 +109,7 @@ def declare_parts(
 def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearance: float) -> Motion:
     """Make the referee's motion of a judged curve, without limits of rates; of steps the middles, joined straight."""
     pieces, times, rates = curve.pieces, curve.times, list[np.ndarray]()
-    endless = cast(ChartRate, np.full(world.group.nv, np.inf))
+    endless = cast(LocalRate, np.full(world.group.nv, np.inf))
     ends: np.ndarray = np.concatenate([pieces, pieces[-1:, ::-1]])  # the last piece backwards: its end is a knot, too
     spans = np.append(np.diff(times), -np.diff(times)[-1])[:, None]
     order, jumps = pieces.shape[1] - 1, curve.jumps
@@ -175,7 +175,7 @@ def _touches(measured: Clearance, names: PairNames, time: float) -> bool:
     """Return whether a pair touches at a time [s]: Coal tells a distance of 0 up to its accuracy."""
     world = measured.world
     pairs = [pair for pair in range(len(world.pairs)) if world.pair_names(pair) == names]
-    world.place(world.group.expand_from_chart(measured.curve.at(np.array([time]))[0]))
+    world.place(world.group.expand_from_local(measured.curve.at(np.array([time]))[0]))
     for pair in pairs:
         put_obstacle(world, pair, time)
     return any(map(world.touches, pairs))

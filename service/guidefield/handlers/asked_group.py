@@ -27,7 +27,7 @@ from guidefield.robot.model.configuration import (
     find_given_faults,
     limit_faults,
 )
-from guidefield.robot.model.joints import ChartRate, Mimic, RobotConfiguration
+from guidefield.robot.model.joints import LocalRate, Mimic, RobotConfiguration
 from guidefield.robot.model.model import RobotModel
 
 
@@ -98,7 +98,7 @@ def mimic_laws(group: PlanningGroup) -> dict[str, Mimic]:
     return {name: law for name, law in laws.items() if law.driver in planned}
 
 
-def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> ChartRate | None:
+def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> LocalRate | None:
     """Rates of every coordinate, shape (nv,), 0 where none is given; None where none is asked for.
 
     Raises InvalidConfiguration if a joint is named that doesn't move, or has several coordinates.
@@ -121,7 +121,7 @@ def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> Ch
     return np.concatenate([np.full(joint.nv, asked.get(joint.name, 0.0)) for joint in group.joints])
 
 
-def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> ChartRate | None:
+def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> LocalRate | None:
     """Jerk limits of every coordinate, shape (nv,), infinite where there is none; None where none is asked for."""
     asked = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
     if not asked:

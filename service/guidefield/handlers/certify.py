@@ -224,9 +224,9 @@ def _describe_covered(problem: GivenProblem, leaving: Leaving | None) -> str:
 
 def _certificate(problem: GivenProblem, judgement: Judgement) -> replies.MotionCertificate:
     group, place, verdict = problem.group, None, judgement.verdict
-    if verdict.chart_point is not None:
+    if verdict.local_point is not None:
         row, when = _locate_verdict(problem, verdict)
-        columns = group.wire_positions(verdict.chart_point)
+        columns = group.wire_positions(verdict.local_point)
         place = replies.Place(row=row, time=when, configuration=dict(zip(group.position_names, columns, strict=True)))
     row, when = _free_until(problem, verdict)
     return replies.MotionCertificate(

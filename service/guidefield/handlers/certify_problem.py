@@ -28,9 +28,9 @@ from guidefield.handlers.asked_group import (
 from guidefield.handlers.attached import holding
 from guidefield.handlers.configurations import (
     Columns,
-    chart_points,
-    chart_rates,
     first_positions,
+    local_points,
+    local_rates,
     require_same_joints,
     rows_in,
     velocity_names_of,
@@ -53,9 +53,9 @@ from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.robot.model.joints import (
     POSITION_SUFFIXES,
     VELOCITY_SUFFIXES,
-    ChartPoints,
-    ChartRates,
     JointKind,
+    LocalPoints,
+    LocalRates,
     RobotConfiguration,
 )
 from guidefield.robot.model.model import RobotModel
@@ -195,7 +195,7 @@ def _build_motion(
     rows: np.ndarray,
     group: PlanningGroup,
 ) -> tuple[SubmittedMotion, list[str]]:
-    points, warnings = chart_points(columns, rows, group, "path" if given is None else f"{field}.positions")
+    points, warnings = local_points(columns, rows, group, "path" if given is None else f"{field}.positions")
     if given is None:
         kept = np.flatnonzero(np.r_[True, (np.diff(points, axis=0) != 0.0).any(axis=1)])
         return SubmittedMotion(CurveKind.LINEAR, points[kept], _with_end(kept, len(points))), warnings
@@ -236,7 +236,7 @@ def _planned(
     motion, _ = _build_motion(request, planned, "planned", columns, rows, group)
     turning = np.array([joint.kind is JointKind.CONTINUOUS for joint in group.joints])
     turns = np.where(turning, np.round((given.start - motion.start) / (2.0 * np.pi)), 0.0)
-    return dataclasses.replace(motion, positions=cast(ChartPoints, motion.positions + 2.0 * np.pi * turns))
+    return dataclasses.replace(motion, positions=cast(LocalPoints, motion.positions + 2.0 * np.pi * turns))
 
 
 def _draw(planned: SubmittedMotion, execution: ControllerModel) -> DrawnMotion:
@@ -257,9 +257,9 @@ def _accelerations(
     field: str,
     columns: Columns,
     group: PlanningGroup,
-    points: ChartPoints,
-) -> ChartRates | None:
-    """Accelerations that are given at chart points (n, nv); None without, or where they aren't the chart's."""
+    points: LocalPoints,
+) -> LocalRates | None:
+    """Given accelerations at local coordinates (n, nv); None without, or where they aren't these coordinates'."""
     if not group.is_euclidean:
         return None
     return _rates(request, given.accelerations, f"{field}.accelerations", columns, group, points)
@@ -271,9 +271,9 @@ def _rates(
     field: str,
     columns: Columns,
     group: PlanningGroup,
-    points: ChartPoints,
-) -> ChartRates | None:
-    """Rates of the chart at its points (n, nv), from given velocities or accelerations; None without."""
+    points: LocalPoints,
+) -> LocalRates | None:
+    """Rates at local coordinates (n, nv), from given velocities or accelerations; None without."""
     if given is None:
         return None
     names = request.velocity_names or velocity_names_of(columns, group.robot)
@@ -281,7 +281,7 @@ def _rates(
     require_same_joints(columns, named)
     rows = rows_in(given)
     named.require_width(field, rows)
-    return chart_rates(named, rows, group, points, field)
+    return local_rates(named, rows, group, points, field)
 
 
 def _with_end(kept: np.ndarray, count: int) -> np.ndarray:

@@ -30,13 +30,13 @@ from guidefield.robot.model.joints import (
     POSITION_SUFFIXES,
     ROTATION,
     VELOCITY_SUFFIXES,
-    ChartPoints,
-    ChartRates,
     Joint,
     JointKind,
+    LocalPoints,
+    LocalRates,
     ModelConfigurations,
     RobotConfigurations,
-    to_chart,
+    to_local,
     unwrap_near,
 )
 from guidefield.robot.model.model import RobotModel
@@ -110,8 +110,8 @@ def first_positions(columns: Columns, rows: np.ndarray, robot: RobotModel) -> Po
     return {name: value[0] if len(value) == 1 else value for name, value in values.items() if name in free}
 
 
-def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field: str) -> tuple[ChartPoints, list[str]]:
-    """The chart coordinates of rows.
+def local_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field: str) -> tuple[LocalPoints, list[str]]:
+    """The local coordinates of rows.
 
     Args:
         columns: The columns of each joint.
@@ -132,7 +132,7 @@ def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field
             column=columns.names[column],
             row=row,
         )
-    points, warnings = np.tile(group.chart(group.q_origin), (len(rows), 1)), []
+    points, warnings = np.tile(group.to_local(group.q_origin), (len(rows), 1)), []
     for joint in group.joints:
         if (at := columns.of.get(joint.name)) is None:
             continue
@@ -151,15 +151,15 @@ def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field
                     " by whole turns"
                 )
         points[:, mine] = given
-    moves = cast(ChartPoints, points)
+    moves = cast(LocalPoints, points)
     _require_mimic_columns(columns, rows, group, moves, field)
     return moves, warnings
 
 
-def chart_rates(
-    columns: Columns, rows: np.ndarray, group: PlanningGroup, points: ChartPoints, field: str
-) -> ChartRates:
-    """Rates of chart points (n, nv) from rows (n, k) of velocities in the tangent space: shape (n, nv).
+def local_rates(
+    columns: Columns, rows: np.ndarray, group: PlanningGroup, points: LocalPoints, field: str
+) -> LocalRates:
+    """Rates of local coordinates (n, nv) from rows (n, k) of velocities in the tangent space: shape (n, nv).
 
     Raises InvalidConfiguration if a mimic joint's velocity is not that of its law.
     """
@@ -169,9 +169,9 @@ def chart_rates(
             tangents[:, joint.idx_v : joint.idx_v + joint.nv] = rows[:, list(at)]
     _require_mimic_columns(columns, rows, group, tangents, field, rates=True)
     if group.is_euclidean:
-        return cast(ChartRates, tangents)
+        return cast(LocalRates, tangents)
     rates = [np.linalg.solve(group.tangent_map(z), v) for z, v in zip(points, tangents, strict=True)]
-    return cast(ChartRates, np.array(rates))
+    return cast(LocalRates, np.array(rates))
 
 
 def _unwrap_angles(angles: np.ndarray) -> tuple[np.ndarray, int | None]:
@@ -196,9 +196,9 @@ def require_quaternions(joint: Joint, given: np.ndarray, field: str) -> None:
 
 
 def _unwrap_rotations(joint: Joint, given: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    found = [to_chart(joint, given[0], reference)]
+    found = [to_local(joint, given[0], reference)]
     for values in given[1:]:
-        found.append(unwrap_near(joint, to_chart(joint, values, reference), found[-1]))
+        found.append(unwrap_near(joint, to_local(joint, values, reference), found[-1]))
     return np.array(found)
 
 
@@ -215,14 +215,14 @@ def _mimic_columns(columns: Columns, group: PlanningGroup) -> list[tuple[Joint, 
 def _require_mimic_columns(
     columns: Columns, rows: np.ndarray, group: PlanningGroup, moves: np.ndarray, field: str, *, rates: bool = False
 ) -> None:
-    """Refuse columns of mimic joints that aren't those of their laws at chart points (n, nv), or of their `rates`."""
+    """Refuse columns of mimic joints that don't keep their laws at local coordinates (n, nv), or at their `rates`."""
     for joint, column, driver in _mimic_columns(columns, group):
         assert joint.mimic is not None, "it follows another"
         if driver is not None:
             asked = joint.mimic.multiplier * moves[:, driver.idx_v] + (0.0 if rates else joint.mimic.offset)
         else:
             stands = group.q_reference[joint.idx_q : joint.idx_q + joint.nq]
-            asked = np.full(len(rows), 0.0 if rates else to_chart(joint, stands, stands)[0])
+            asked = np.full(len(rows), 0.0 if rates else to_local(joint, stands, stands)[0])
         apart = rows[:, column] - asked
         if joint.kind is JointKind.CONTINUOUS and not rates:
             apart -= 2.0 * np.pi * np.round(apart / (2.0 * np.pi))

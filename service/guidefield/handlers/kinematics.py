@@ -172,17 +172,17 @@ def inverse_kinematics(
         result = solve(
             group,
             PoseTarget.from_wire(pose),
-            [group.chart(group.part_of(start)) for start in starts],
+            [group.to_local(group.part_of(start)) for start in starts],
             request.solutions,
             rng=np.random.default_rng([request.seed, index]),
             accept=accept,
             deadline=deadline,
         )
         require_time(deadline, index, len(request.poses))
-        configurations.append([configuration_to_wire(group.joints, group.from_chart(z)) for z in result.solutions])
+        configurations.append([configuration_to_wire(group.joints, group.from_local(z)) for z in result.solutions])
         reasons.append(result.reason)
         if world is not None and not result.solutions:
-            met = blocking_pairs(world, [group.expand_from_chart(z) for z in result.rejected])
+            met = blocking_pairs(world, [group.expand_from_local(z) for z in result.rejected])
             reasons[-1] += f": {met.describe()}" if met.counts else ""
     given = cast(RobotConfigurations, np.array(starts).reshape(-1, robot.model.nq))
     warnings = _warn_beyond_limits(robot, given, "start_configurations")

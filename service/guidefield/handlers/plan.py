@@ -392,7 +392,7 @@ def _motions(request: PlanRequest, problem: Problem, made: Plan) -> list[Motion]
     motion = SubmittedMotion.of(made.trajectory) if made.drawn is None else made.drawn.motion
     if not made.judged_from:
         return [declare(request, problem, motion)]
-    contacts = contacts_at(problem.world_at(0.0), problem.group.expand_from_chart(problem.z_start))
+    contacts = contacts_at(problem.world_at(0.0), problem.group.expand_from_local(problem.z_start))
     parts = split_where_left(problem, motion, contacts, motion.place_at(made.judged_from))
     return declare_parts(request, parts, contacts)
 

@@ -27,7 +27,7 @@ from guidefield.planner.task.problem import Conditions
 from guidefield.planner.task.trace import Event, PackedArray
 from guidefield.prove.curve import Curve
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joints import ChartPoints, ChartRates
+from guidefield.robot.model.joints import LocalPoints, LocalRates
 from guidefield.scene.scene import Scene
 
 _R_contra = TypeVar("_R_contra", bound=MotionReply, contravariant=True)
@@ -63,7 +63,7 @@ Record = Callable[[PlanningGroup, Scene], Recording[_R_contra] | None]
 
 
 class PackedKnots(msgspec.Struct, array_like=True, frozen=True):
-    """A trajectory's knots: times [s], chart positions and velocities."""
+    """A trajectory's knots: times [s], local coordinates and velocities."""
 
     times: PackedArray
     positions: PackedArray
@@ -77,7 +77,7 @@ class PackedKnots(msgspec.Struct, array_like=True, frozen=True):
     def trajectory(self) -> Trajectory:
         """Unpack the trajectory."""
         positions, velocities = self.positions.array(), self.velocities.array()
-        return Trajectory(self.times.array(), cast(ChartPoints, positions), cast(ChartRates, velocities))
+        return Trajectory(self.times.array(), cast(LocalPoints, positions), cast(LocalRates, velocities))
 
 
 class PackedClearance(msgspec.Struct, array_like=True, frozen=True):

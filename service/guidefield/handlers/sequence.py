@@ -177,7 +177,7 @@ class SequenceMotion:
             times = np.linspace(begin, end, int(np.clip(np.ceil((end - begin) * CARRIED_RATE), 1, most)) + 1)
             zs = self.trajectory.evaluate(times)[0]
             for moment, z in zip(times.tolist(), zs, strict=True) if at.objects else ():
-                q = whole_configuration(whole, whole.from_chart(z))
+                q = whole_configuration(whole, whole.from_local(z))
                 there = dataclasses.replace(at, q=q)
                 for held in there.objects:
                     ways.setdefault(held.name, []).append((moment, _placement(there.place(held))))

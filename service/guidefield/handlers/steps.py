@@ -47,7 +47,7 @@ from guidefield.scene.scene import Scene
 STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach", "cartesian_limits")
 """Fields of a step to which the path of a fault leads, `$.steps[i].goal`; of others it leads to the step."""
 UNSERVED_KINDS = (JointKind.SPHERICAL, JointKind.FLOATING)
-"""Kinds of joints whose chart begins anew with every step: steps can't be joined in one chart of theirs."""
+"""Kinds of joints whose local coordinates begin anew with every step, so that steps can't be joined in them."""
 
 
 class Steps:
@@ -340,7 +340,7 @@ def _goal(step: PlanStep, at: StepSituation, tip: str) -> requests.Goal:
 def _way(step: PlanStep, asked: PlanRequest, problem: Problem) -> StraightWay:
     assert isinstance(asked.goal, requests.PoseGoal), "a straight way leads to a pose"
     group = problem.group
-    begin = problem.kinematics.frame_placement(group.expand_from_chart(problem.z_start), group.tip_id)
+    begin = problem.kinematics.frame_placement(group.expand_from_local(problem.z_start), group.tip_id)
     end = se3(asked.goal.position, asked.goal.quaternion_xyzw)
     return StraightWay(group.tip, begin, end, step.line_tolerance, step.turn_tolerance)
 

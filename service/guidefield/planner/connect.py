@@ -31,7 +31,7 @@ from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.inverse_kinematics import EXACT, SEARCH, PoseTarget
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
-from guidefield.robot.model.joints import ANGLE, ChartPoint, ChartPoints, ChartRate
+from guidefield.robot.model.joints import ANGLE, LocalPoint, LocalPoints, LocalRate
 from guidefield.robot.model.model import MARGIN
 
 ATTEMPTS = 6  # how often the certificate may refuse what was found. Unrecorded
@@ -70,14 +70,14 @@ DAMPING = 1e-9  # of those steps, relative to the largest singular value: a row 
 class QuickestPath(ReadOnly):
     """The way to one of several goals that is estimated to take the least time."""
 
-    path: ChartPoints  # chart points, shape (n, nv), free at samples
-    others: tuple[ChartPoints, ...]  # the next best, shape (n, nv) each; none where clearance counts most
+    path: LocalPoints  # local coordinates, shape (n, nv), free at samples
+    others: tuple[LocalPoints, ...]  # the next best, shape (n, nv) each; none where clearance counts most
     tried: int  # goals that were tried
     iterations: int  # of all trees
 
 
 def find_quickest_path(
-    problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator
+    problem: Problem, z_start: LocalPoint, goals: LocalPoints, rng: np.random.Generator
 ) -> QuickestPath | None:
     """Find the best way from z_start (nv,) to goals (m, nv), each by itself.
 
@@ -101,9 +101,9 @@ def find_quickest_path(
 
 
 class _PathSearch:
-    def __init__(self, problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator) -> None:
+    def __init__(self, problem: Problem, z_start: LocalPoint, goals: LocalPoints, rng: np.random.Generator) -> None:
         self._problem, self._start, self._goals, self._rng = problem, z_start, goals, rng
-        self.found: list[tuple[float, ChartPoints]] = []
+        self.found: list[tuple[float, LocalPoints]] = []
         self.straight: dict[int, bool] = {}
         self.iterations = 0
 
@@ -153,7 +153,7 @@ def _count(problem: Problem, found: FoundPath) -> None:
     problem.counters.collision_checks += found.motions
 
 
-def score_path(problem: Problem, way: ChartPoints) -> float:
+def score_path(problem: Problem, way: LocalPoints) -> float:
     """The score of a way (n, nv) [s]: its estimated time, and a share of its length unless time alone counts."""
     limits = problem.group.velocity_limits
     time = estimate_time(way, limits)
@@ -162,19 +162,19 @@ def score_path(problem: Problem, way: ChartPoints) -> float:
     return time + LENGTH_SHARE * float(np.linalg.norm(np.diff(way, axis=0) / limits, axis=1).sum())
 
 
-def estimate_time(path: ChartPoints, velocity_limits: ChartRate) -> float:
+def estimate_time(path: LocalPoints, velocity_limits: LocalRate) -> float:
     """About how long a path (n, nv) takes once it is optimised, but for speeding up and slowing down [s]."""
     times = np.abs(np.diff(path, axis=0)) / velocity_limits
     return 0.5 * float(times.max(axis=1).sum() + times.sum(axis=0).max())
 
 
 def explain_no_path(
-    lanes: BatchCollision, start: ChartPoint, goals: ChartPoints, resolution: float, clearance: float
+    lanes: BatchCollision, start: LocalPoint, goals: LocalPoints, resolution: float, clearance: float
 ) -> str | None:
     """Explain why a group of one coordinate can't get to any goal; None where it can, or has several coordinates.
 
     Whatever it does, it passes what is between; so one sample in contact on each way is proof. Goals (m, nv) are no
-    more than half a turn away if they wrap; the resolution is samples of a motion per length in the chart [1/rad or
+    more than half a turn away if they wrap; the resolution is samples of a motion per length in them [1/rad or
     1/m], the clearance the distance kept from obstacles [m].
     """
     group = lanes.world.group
@@ -194,7 +194,7 @@ def explain_no_path(
 class ShortenedPath(ReadOnly):
     """A path after shortening."""
 
-    path: ChartPoints  # chart points (n, nv), free as the path that it began with, and no longer
+    path: LocalPoints  # local coordinates (n, nv), free as the path that it began with, and no longer
     rounds: int
     message: str
 
@@ -204,17 +204,17 @@ class ShorteningRounds:
     """The settings by which a connection is made shorter."""
 
     number: int
-    resolution: float  # samples of a motion per length in the chart [1/rad or 1/m]
+    resolution: float  # samples of a motion per length in local coordinates [1/rad or 1/m]
     margin: float  # what shortcuts keep from obstacles beside the clearance asked for [m]
 
 
 def shorten_path(
     problem: Problem,
-    path: ChartPoints,
-    goals: ChartPoints,
+    path: LocalPoints,
+    goals: LocalPoints,
     rounds: ShorteningRounds,
     rng: np.random.Generator,
-    accepted: Callable[[ChartPoints], bool],
+    accepted: Callable[[LocalPoints], bool],
 ) -> ShortenedPath:
     """Look for shorter paths from where a path (n, nv) begins to one of several free goals (m, nv)."""
     units = problem.group.units
@@ -247,16 +247,16 @@ class Connection(ReadOnly):
 
     status: Status
     message: str
-    path: ChartPoints  # chart points (n, nv) from start to a goal if it succeeded, else only the start
+    path: LocalPoints  # local coordinates (n, nv) from start to a goal if it succeeded, else only the start
     proven: bool = True
     # other paths to a goal, shape (n, nv) each, free at samples, that may prove quicker
-    others: tuple[ChartPoints, ...] = ()
+    others: tuple[LocalPoints, ...] = ()
 
 
 def connect(
-    problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator, *, prove: bool = True
+    problem: Problem, z_start: LocalPoint, goals: LocalPoints, rng: np.random.Generator, *, prove: bool = True
 ) -> Connection:
-    """Find a free motion from a free chart point (nv,) to one of several (m, nv), and shorten it.
+    """Find a free motion from a free point (nv,) to one of several (m, nv), and shorten it.
 
     Where it need not be certified, one that lanes found free at samples is enough.
     """
@@ -276,7 +276,7 @@ def connect(
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
     resolution, refused = RESOLUTION, 0
 
-    def accepted(path: ChartPoints) -> bool:
+    def accepted(path: LocalPoints) -> bool:
         return not prove or _certify_path(problem, path)
 
     for _ in range(ATTEMPTS):
@@ -300,11 +300,11 @@ def connect(
 
 
 def _connect_to_quickest(
-    problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator, prove: bool
+    problem: Problem, z_start: LocalPoint, goals: LocalPoints, rng: np.random.Generator, prove: bool
 ) -> Connection | None:
     """To the goal (m, nv) that is estimated to be reached soonest; None where none is, or the certificate refuses."""
 
-    def accepted(path: ChartPoints) -> bool:
+    def accepted(path: LocalPoints) -> bool:
         return not prove or _certify_path(problem, path)
 
     way = find_quickest_path(problem, z_start, goals, rng)
@@ -323,15 +323,15 @@ def _connect_to_quickest(
 
 
 def _succeed(
-    problem: Problem, message: str, path: ChartPoints, proven: bool, others: tuple[ChartPoints, ...] = ()
+    problem: Problem, message: str, path: LocalPoints, proven: bool, others: tuple[LocalPoints, ...] = ()
 ) -> Connection:
     for z in path[1:]:
-        problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
+        problem.tell(Step(StepKind.TREE, problem.group.from_local(z), "found by the tree"))
     return Connection(Status.SUCCESS, message, path, proven, others)
 
 
 def _make_unconnected(
-    problem: Problem, z_start: ChartPoint, found: tree_search.FoundPath, goals: int, refused: int
+    problem: Problem, z_start: LocalPoint, found: tree_search.FoundPath, goals: int, refused: int
 ) -> Connection:
     status = problem.deadline.status()
     if found.path is None:
@@ -344,7 +344,7 @@ def _make_unconnected(
     return Connection(status, message, z_start[None])
 
 
-def _certify_path(problem: Problem, path: ChartPoints) -> bool:
+def _certify_path(problem: Problem, path: LocalPoints) -> bool:
     for z0, z1 in pairwise(path):
         verdict = motion_free(problem.world, z0, z1, problem.min_clearance)
         problem.counters.collision_checks += verdict.evaluations
@@ -360,12 +360,12 @@ class Keeper:
     problem: Problem
     frames: ConstrainedFrames
 
-    def bring_back(self, z: ChartPoint) -> ChartPoint | None:
-        """The chart point next to z (nv,), within limits, that keeps the constraints with room; None if there is none.
+    def bring_back(self, z: LocalPoint) -> LocalPoint | None:
+        """The point next to z (nv,), within limits, that keeps the constraints with room; None if there is none.
 
         Newton's steps of least length on the numbers that are too large.
         """
-        there: ChartPoint = np.array(z)
+        there: LocalPoint = np.array(z)
         return there if bring_back(self.tables, CONSTRAINT_ROOM, CORRECTIONS, there) else None
 
     @property
@@ -375,7 +375,7 @@ class Keeper:
 
 
 def connect_constrained(
-    problem: Problem, keeper: Keeper, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator
+    problem: Problem, keeper: Keeper, z_start: LocalPoint, goals: LocalPoints, rng: np.random.Generator
 ) -> Connection:
     """Find a motion within path constraints from z_start (nv,) to one of some goals (m, nv), free by samples."""
     roots = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
@@ -391,11 +391,11 @@ def connect_constrained(
         return Connection(status or Status.PLANNING_FAILED, f"within the path constraints {message}", z_start[None])
     path = _shorten(problem, keeper, found.path, rng)
     for z in path[1:]:
-        problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found within the path constraints"))
+        problem.tell(Step(StepKind.TREE, problem.group.from_local(z), "found within the path constraints"))
     return Connection(Status.SUCCESS, f"found within the path constraints in {found.iterations} iterations", path)
 
 
-def _shorten(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
+def _shorten(problem: Problem, keeper: Keeper, path: LocalPoints, rng: np.random.Generator) -> LocalPoints:
     units = problem.group.units
     for _ in range(SHORTCUTS):
         if len(path) < 4 or problem.deadline.expired():
@@ -420,11 +420,11 @@ class PoseKeeper:
         self._problem, self._target = problem, target
         self._tries = POSE_TRIES
 
-    def __call__(self, zs: ChartPoints) -> ChartPoints:
-        """Chart points (n, nv) that reach the pose, some moved; those that aren't helped stay."""
+    def __call__(self, zs: LocalPoints) -> LocalPoints:
+        """Local coordinates (n, nv) that reach the pose, some moved; those that aren't helped stay."""
         if not self._problem.path_constraints:
             return zs
-        moved: ChartPoints = zs.copy()
+        moved: LocalPoints = zs.copy()
         for row, z in enumerate(zs):
             if self._tries == 0:
                 break
@@ -434,7 +434,7 @@ class PoseKeeper:
         return moved
 
 
-def _move_within(problem: Problem, target: PoseTarget, z: ChartPoint) -> ChartPoint | None:
+def _move_within(problem: Problem, target: PoseTarget, z: LocalPoint) -> LocalPoint | None:
     frames, group = problem.constrained_frames, problem.group
     there = z.copy()
     for _ in range(POSE_STEPS):
@@ -450,13 +450,13 @@ def _move_within(problem: Problem, target: PoseTarget, z: ChartPoint) -> ChartPo
     return None
 
 
-def _pose_excess(problem: Problem, target: PoseTarget, z: ChartPoint) -> tuple[np.ndarray, np.ndarray, bool]:
+def _pose_excess(problem: Problem, target: PoseTarget, z: LocalPoint) -> tuple[np.ndarray, np.ndarray, bool]:
     """The tip's excess over the aimed part of the tolerances, shape (6,), its derivative (6, nv), and if it is there.
 
     All along and about the axes of the target's frame, translation first [m, rad].
     """
     group, kinematics = problem.group, problem.kinematics
-    q = group.expand_from_chart(z)
+    q = group.expand_from_local(z)
     tip = kinematics.frame_placement(q, group.tip_id)
     offset = target.placement.actInv(tip)
     away = np.concatenate([offset.translation, pin.log3(offset.rotation)])

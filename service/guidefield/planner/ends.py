@@ -34,7 +34,7 @@ from guidefield.planner.leaving import SLIGHT_DEPTH
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.group.inverse_kinematics import EXACT, SEARCH, Cause, IkResult, PoseTarget, solve
-from guidefield.robot.model.joints import ChartPoint, ChartPoints, ModelConfiguration
+from guidefield.robot.model.joints import LocalPoint, LocalPoints, ModelConfiguration
 
 SURE_DEPTH = 1e-3  # a smaller depth is no proof, because Coal finds depths by steps [m, at size 1]
 
@@ -121,8 +121,8 @@ def check_start(problem: Problem) -> None:
         raise StageFailed(status, f"the start violates a path constraint: {message}", stage="start", **details)
 
 
-def find_goal_points(problem: Problem) -> ChartPoints | None:
-    """Chart points (m, nv) that would reach the goal and are free; None where the last guide plane is the goal.
+def find_goal_points(problem: Problem) -> LocalPoints | None:
+    """Local coordinates (m, nv) that would reach the goal and are free; None where the last guide plane is the goal.
 
     Raises:
         StageFailed: GOAL_IN_COLLISION, NO_IK_SOLUTION or CLEARANCE_BELOW_MINIMUM; TIMED_OUT or PREEMPTED.
@@ -142,24 +142,24 @@ def find_goal_points(problem: Problem) -> ChartPoints | None:
     return None
 
 
-def _find_standing_goal(problem: Problem, target: PoseTarget) -> ChartPoints | None:
+def _find_standing_goal(problem: Problem, target: PoseTarget) -> LocalPoints | None:
     """The start, shape (1, nv), where its tip is at a pose already, free and within path constraints; else None."""
     group, z = problem.group, problem.z_start
-    if not target.is_reached(problem.kinematics.frame_placement(group.expand_from_chart(z), group.tip_id)):
+    if not target.is_reached(problem.kinematics.frame_placement(group.expand_from_local(z), group.tip_id)):
         return None
     stays = are_free(problem, z[None])[0] and _find_violation(problem, z) is None
     return z[None] if stays else None
 
 
-def _sample_about_start(problem: Problem) -> ChartPoints:
-    """Chart points (k, nv) about the start, within limits, from which configurations next to it are found."""
+def _sample_about_start(problem: Problem) -> LocalPoints:
+    """Local coordinates (k, nv) about the start, within limits, from which configurations next to it are found."""
     group = problem.group
     shift = np.random.default_rng([problem.seed, 4]).normal(scale=START_SPREAD, size=(STARTS, group.nv))
-    about: ChartPoints = np.clip(problem.z_start + shift * group.units, group.lower, group.upper)
+    about: LocalPoints = np.clip(problem.z_start + shift * group.units, group.lower, group.upper)
     return about
 
 
-def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
+def _soonest(problem: Problem, zs: LocalPoints) -> LocalPoints:
     """Choose goals of (m, nv) that lie far apart: those that can be reached soonest, and the first ones.
 
     By the velocity limits a straight motion along d takes at least max_j |d_j| / V_j. Goals that hardly differ from one
@@ -167,7 +167,7 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
     """
     group, limit = problem.group, problem.effort_limit
     if limit is not None and any(held := [fault is None for fault in limit.faults(zs)]):
-        zs = cast(ChartPoints, zs[held])
+        zs = cast(LocalPoints, zs[held])
     ways = np.array([group.unwrapped(z, problem.z_start) for z in zs]) - problem.z_start
     order = np.argsort((np.abs(ways) / group.velocity_limits).max(axis=1), kind="stable").tolist()
     steps, chosen = ways / group.units, list[int]()
@@ -179,18 +179,18 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
     return zs[chosen]
 
 
-def _choose_all(_problem: Problem, zs: ChartPoints) -> ChartPoints:
+def _choose_all(_problem: Problem, zs: LocalPoints) -> LocalPoints:
     return zs
 
 
 def find_tip_points(
     problem: Problem,
     target: PoseTarget,
-    starts: Sequence[ChartPoint] | ChartPoints = (),
+    starts: Sequence[LocalPoint] | LocalPoints = (),
     count: int = SOLUTIONS,
-    chosen: Callable[[Problem, ChartPoints], ChartPoints] = _choose_all,
-) -> ChartPoints:
-    """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
+    chosen: Callable[[Problem, LocalPoints], LocalPoints] = _choose_all,
+) -> LocalPoints:
+    """Local coordinates (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
     The search begins at the given starts (nv,), then at the problem's and random ones. `chosen` selects from what is
     found; leaving out what it doesn't select must not change its selection.
@@ -218,7 +218,7 @@ def find_tip_points(
         result = _solve(problem, target, starts, count, _are_outside)
     if result.solutions:
         return chosen(problem, np.array(result.solutions))
-    rejected = [problem.group.expand_from_chart(z) for z in result.rejected]
+    rejected = [problem.group.expand_from_local(z) for z in result.rejected]
     touching, touch = find_touching_each(problem.world, rejected)  # lanes refuse what all but touches
     if zs := [z for z, kept in zip(result.rejected, _are_apart(problem, result.rejected, touch), strict=True) if kept]:
         return chosen(problem, np.array(zs))
@@ -240,9 +240,9 @@ def explain_unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str
 
 
 def _choose_in_the_open(
-    problem: Problem, zs: Sequence[ChartPoint], chosen: Callable[[Problem, ChartPoints], ChartPoints]
-) -> ChartPoints | None:
-    """Choose chart points (nv,), as `find_tip_points`, of those at which no body is inside another one.
+    problem: Problem, zs: Sequence[LocalPoint], chosen: Callable[[Problem, LocalPoints], LocalPoints]
+) -> LocalPoints | None:
+    """Choose local coordinates (nv,), as `find_tip_points`, of those at which no body is inside another one.
 
     None where there are none. Only what is chosen is examined, in most cases: that takes longer than the choice.
     """
@@ -257,15 +257,15 @@ def _choose_in_the_open(
 
 def _is_hopeless(problem: Problem, result: IkResult) -> bool:
     """Return whether no search finds more than the last one, of which all touches something, as far as lanes tell."""
-    return result.exhausted and not _touch_nothing(problem, cast(ChartPoints, np.array(result.rejected))).any()
+    return result.exhausted and not _touch_nothing(problem, cast(LocalPoints, np.array(result.rejected))).any()
 
 
 def _solve(
     problem: Problem,
     target: PoseTarget,
-    starts: Sequence[ChartPoint] | ChartPoints,
+    starts: Sequence[LocalPoint] | LocalPoints,
     count: int,
-    free: Callable[[Problem, ChartPoints], np.ndarray],
+    free: Callable[[Problem, LocalPoints], np.ndarray],
     most: int = SEARCH.most_rejected,
     blocked: Callable[[], bool] = lambda: False,
 ) -> IkResult:
@@ -294,16 +294,16 @@ class _TipBlockage:
         self._target, self._asked = target, asked
         self.blocked: BlockingPairs | None = None
 
-    def keeps_some_distance(self, problem: Problem, zs: ChartPoints) -> np.ndarray:
+    def keeps_some_distance(self, problem: Problem, zs: LocalPoints) -> np.ndarray:
         free = _touch_nothing(problem, zs, GRAZING_DISTANCE * problem.group.size)  # certificates don't stop by grazing
         if not (self._asked or free.any()):
             self._asked = True
-            self.blocked = find_blocked_tip(problem.world, self._target, problem.group.expand_from_chart(zs[0]))
+            self.blocked = find_blocked_tip(problem.world, self._target, problem.group.expand_from_local(zs[0]))
         return free
 
 
-def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
-    """Return which chart points (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool.
+def are_free(problem: Problem, zs: LocalPoints) -> np.ndarray:
+    """Return which local coordinates (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool.
 
     Those that lanes find free are; if lanes find none, Coal judges all.
     """
@@ -311,14 +311,14 @@ def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
     return free if free.any() else _are_free_by_coal(problem, zs)
 
 
-def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
+def _are_outside(problem: Problem, zs: LocalPoints) -> np.ndarray:
     free = _touch_nothing(problem, zs)
     free[free] = _are_in_the_open(problem, zs[free])
     return free
 
 
-def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np.ndarray:
-    """Return which chart points (n, nv) surely touch nothing, keep clearance and more, and path constraints: (n,)."""
+def _touch_nothing(problem: Problem, zs: LocalPoints, beyond: float = 0.0) -> np.ndarray:
+    """Return which of some points (n, nv) surely touch nothing, keep clearance and more, and path constraints: (n,)."""
     if problem.world.held_contacts:
         return np.zeros(len(zs), bool)
     free: np.ndarray = ~problem.lanes.touching(zs, problem.min_clearance + beyond)
@@ -327,26 +327,26 @@ def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np
     return free
 
 
-def _are_free_by_coal(problem: Problem, zs: ChartPoints) -> np.ndarray:
-    return _are_apart(problem, zs, problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]))
+def _are_free_by_coal(problem: Problem, zs: LocalPoints) -> np.ndarray:
+    return _are_apart(problem, zs, problem.world.in_collision_each([problem.group.expand_from_local(z) for z in zs]))
 
 
-def _are_apart(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints, touch: list[bool]) -> np.ndarray:
+def _are_apart(problem: Problem, zs: Sequence[LocalPoint] | LocalPoints, touch: list[bool]) -> np.ndarray:
     free = ~np.array(touch, bool)
     free[free] = _are_in_the_open(problem, [z for z, one in zip(zs, free, strict=True) if one])
     free[free] = [_keeps_clearance(problem, z) for z, one in zip(zs, free, strict=True) if one]
     return free
 
 
-def _are_in_the_open(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -> list[bool]:
-    """Return at which chart points, each of shape (nv,), no body is wholly inside another one."""
-    qs = [problem.group.expand_from_chart(z) for z in zs]
+def _are_in_the_open(problem: Problem, zs: Sequence[LocalPoint] | LocalPoints) -> list[bool]:
+    """Return at which local coordinates, each of shape (nv,), no body is wholly inside another one."""
+    qs = [problem.group.expand_from_local(z) for z in zs]
     return [inside is None for inside in find_enclosed_each(problem.world, qs)]
 
 
-def find_end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
-    """The fault of a chart point (nv,) as an end of a motion: its deepest contact, as sentence and values; or None."""
-    q = problem.group.expand_from_chart(z)
+def find_end_fault(problem: Problem, z: LocalPoint) -> tuple[str, dict[str, Any]] | None:
+    """The fault of a point (nv,) as an end of a motion: its deepest contact, as sentence and values; or None."""
+    q = problem.group.expand_from_local(z)
     contacts = contacts_at(problem.world, q)
     if contacts:
         worst = max(contacts, key=lambda contact: contact.depth or 0.0)
@@ -364,9 +364,9 @@ def find_end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]
     return None
 
 
-def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
-    zs = np.array([problem.group.chart(q) for q in goal.configurations])
-    free: ChartPoints = zs[_judge_before_deadline(problem, zs, _are_outside)]
+def _free_goals(problem: Problem, goal: ConfigurationGoal) -> LocalPoints:
+    zs = np.array([problem.group.to_local(q) for q in goal.configurations])
+    free: LocalPoints = zs[_judge_before_deadline(problem, zs, _are_outside)]
     if not len(free):
         free = zs[_judge_before_deadline(problem, zs, _are_free_by_coal)]
     if len(free):
@@ -385,15 +385,15 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
     message, details = fault
     if len(zs) == 1:
         raise StageFailed(Status.GOAL_IN_COLLISION, f"the goal is in collision: {message}", stage="goal", **details)
-    met = blocking_pairs(problem.world, [problem.group.expand_from_chart(z) for z in touching])
+    met = blocking_pairs(problem.world, [problem.group.expand_from_local(z) for z in touching])
     message = f"all {len(zs)} goals are in collision: {met.describe()}"
     raise StageFailed(Status.GOAL_IN_COLLISION, message, stage="goal", goals=len(zs), **met.details())
 
 
 def _judge_before_deadline(
-    problem: Problem, zs: ChartPoints, free: Callable[[Problem, ChartPoints], np.ndarray]
+    problem: Problem, zs: LocalPoints, free: Callable[[Problem, LocalPoints], np.ndarray]
 ) -> np.ndarray:
-    """Return which chart points (n, nv) are free: (n,), bool; those not judged before the deadline aren't."""
+    """Return which local coordinates (n, nv) are free: (n,), bool; those not judged before the deadline aren't."""
     found = np.zeros(len(zs), bool)
     for begin in range(0, len(zs), GOALS_AT_ONCE):
         if begin and problem.deadline.expired():
@@ -402,7 +402,7 @@ def _judge_before_deadline(
     return found
 
 
-def _keep_goals_held_by_torques(problem: Problem, goals: ChartPoints) -> ChartPoints:
+def _keep_goals_held_by_torques(problem: Problem, goals: LocalPoints) -> LocalPoints:
     if problem.effort_limit is None:
         return goals
     faults = problem.effort_limit.faults(goals)
@@ -414,7 +414,7 @@ def _keep_goals_held_by_torques(problem: Problem, goals: ChartPoints) -> ChartPo
     raise StageFailed(Status.GOAL_STATE_INVALID, message, **values)
 
 
-def _keep_admissible_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
+def _keep_admissible_goals(problem: Problem, goals: LocalPoints) -> LocalPoints:
     goals = _keep_goals_held_by_torques(problem, goals)
     faults = [_find_violation(problem, goal) for goal in goals]
     kept = [goal for goal, fault in zip(goals, faults, strict=True) if fault is None]
@@ -426,7 +426,7 @@ def _keep_admissible_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
     raise StageFailed(status, f"the goal violates a path constraint: {message}", stage="goal", **details)
 
 
-def _find_violation(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
+def _find_violation(problem: Problem, z: LocalPoint) -> tuple[str, dict[str, Any]] | None:
     if not problem.path_constraints:
         return None
     frames = problem.constrained_frames
@@ -439,15 +439,15 @@ def _find_violation(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any
     return message, {"constraint": worst, "frame": frame, "value": value, "limit": limit}
 
 
-def _keeps_clearance(problem: Problem, z: ChartPoint) -> bool:
+def _keeps_clearance(problem: Problem, z: LocalPoint) -> bool:
     asked = problem.min_clearance
-    return asked <= 0.0 or clearance_at(problem.world, problem.group.expand_from_chart(z)).obstacle_distance >= asked
+    return asked <= 0.0 or clearance_at(problem.world, problem.group.expand_from_local(z)).obstacle_distance >= asked
 
 
-def _check_clearance(problem: Problem, z: ChartPoint, end: str) -> None:
+def _check_clearance(problem: Problem, z: LocalPoint, end: str) -> None:
     if _keeps_clearance(problem, z):
         return
-    found = clearance_at(problem.world, problem.group.expand_from_chart(z))
+    found = clearance_at(problem.world, problem.group.expand_from_local(z))
     pair = list(found.obstacle_pair) if found.obstacle_pair else None
     where = f" ({pair[0]} and {pair[1]})" if pair else ""
     raise StageFailed(

@@ -55,7 +55,7 @@ from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.tree_search import RESOLUTION
 from guidefield.prove.verdict import LIMIT_TOLERANCE, Reason
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import LocalPoint, LocalPoints, LocalRate, LocalRates
 
 REPAIRS = 4
 """How often a motion round corners is drawn closer to the path, to half its distance each time, where it is refused."""
@@ -143,7 +143,7 @@ def _optimize_path(
     """
     resting = problem if ends is None else ends.between(problem)
 
-    def time(path: ChartPoints) -> Trajectory:
+    def time(path: LocalPoints) -> Trajectory:
         if ends is None:
             return time_through_planes(problem, found, path)
         return ends.around(
@@ -157,7 +157,7 @@ def _optimize_path(
     return optimize_motion(problem, motion, others, stages, CrossedPlanes.of(problem, found.path, found.crossings))
 
 
-def time_through_planes(problem: Problem, found: PathSoFar, path: ChartPoints) -> Trajectory:
+def time_through_planes(problem: Problem, found: PathSoFar, path: LocalPoints) -> Trajectory:
     """The fastest motion along a path (n, nv) of what was found, whatever its jerk; between guide planes straighter."""
     return time_path_ignoring_jerk(
         problem, remove_waypoints(problem, path, found.crossings) if found.crossings else path
@@ -198,7 +198,7 @@ def _blend(
         if problem.deadline.expired():
             break
         with stages.entered("parameterize", f"{share:.0%} of the way to the refused motion") as stage:
-            motion = time_path(problem, cast(ChartPoints, near + share * (far - near)))
+            motion = time_path(problem, cast(LocalPoints, near + share * (far - near)))
             stage.outcome = f"{motion.duration:.3f} s"
         if certified.trajectory is None or motion.duration >= certified.trajectory.duration:
             continue
@@ -209,7 +209,7 @@ def _blend(
 
 
 def _round_corners(
-    problem: Problem, path: ChartPoints, crossed: CrossedPlanes, finer: int
+    problem: Problem, path: LocalPoints, crossed: CrossedPlanes, finer: int
 ) -> tuple[Trajectory, dict[int, int]] | None:
     if not crossed.passages:
         trajectory = time_path(problem, path, finer)
@@ -221,7 +221,7 @@ def _add_warning(finished: CertifiedMotion, warning: str) -> CertifiedMotion:
     return replace(finished, warnings=(warning, *finished.warnings))
 
 
-def _is_hopeless(problem: Problem, path: ChartPoints, finished: CertifiedMotion) -> bool:
+def _is_hopeless(problem: Problem, path: LocalPoints, finished: CertifiedMotion) -> bool:
     verdict = finished.verdict
     if verdict.piece is None or len(path) < 2:
         return True
@@ -230,29 +230,29 @@ def _is_hopeless(problem: Problem, path: ChartPoints, finished: CertifiedMotion)
     return _find_refused_place(problem, _find_nearest(path, place), verdict.reason)
 
 
-def _find_refused_place(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
+def _find_refused_place(problem: Problem, z: LocalPoint, reason: Reason) -> bool:
     match reason:
         case Reason.BEYOND_LIMITS:
             lower, upper = problem.group.lower - LIMIT_TOLERANCE, problem.group.upper + LIMIT_TOLERANCE
             return bool(((z < lower) | (z > upper)).any())
         case Reason.TOO_CLOSE:
             return (
-                clearance_at(problem.world, problem.group.expand_from_chart(z)).obstacle_distance
+                clearance_at(problem.world, problem.group.expand_from_local(z)).obstacle_distance
                 < problem.min_clearance
             )
         case Reason.CONTACT:
-            return problem.world.in_collision(problem.group.expand_from_chart(z))
+            return problem.world.in_collision(problem.group.expand_from_local(z))
     return False
 
 
-def _find_nearest(path: ChartPoints, place: ChartPoint) -> ChartPoint:
+def _find_nearest(path: LocalPoints, place: LocalPoint) -> LocalPoint:
     along = np.diff(path, axis=0)
     share = np.einsum("ij,ij->i", place - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
     nearest = path[:-1] + np.clip(share, 0.0, 1.0)[:, None] * along
-    return cast(ChartPoint, nearest[int(np.argmin(np.linalg.norm(place - nearest, axis=1)))])
+    return cast(LocalPoint, nearest[int(np.argmin(np.linalg.norm(place - nearest, axis=1)))])
 
 
-def remove_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> ChartPoints:
+def remove_waypoints(problem: Problem, path: LocalPoints, crossings: Mapping[int, int]) -> LocalPoints:
     """A path (n, nv) with the same ends, no longer, through the same waypoints on guide planes.
 
     Between them straight ways are taken that keep a distance from obstacles; where there is none the path stays.
@@ -270,17 +270,17 @@ class MovingEnds(ReadOnly):
     """The first part of a motion, to rest, and for each goal the last part, from rest to its velocities."""
 
     stop: Trajectory
-    goals: ChartPoints  # chart points (m, nv) of the goals that can be reached so
+    goals: LocalPoints  # local coordinates (m, nv) of the goals that can be reached so
     runs: tuple[Trajectory, ...]
 
     @property
-    def inner_goals(self) -> ChartPoints:
-        """The chart points of rest before each goal, shape (m, nv)."""
+    def inner_goals(self) -> LocalPoints:
+        """The local coordinates of rest before each goal, shape (m, nv)."""
         return np.array([run.positions[0] for run in self.runs])
 
     def between(self, problem: Problem) -> Problem:
         """The problem from when and where the robot has come to rest."""
-        return problem.since(self.stop.duration, problem.group.from_chart(self.stop.positions[-1]))
+        return problem.since(self.stop.duration, problem.group.from_local(self.stop.positions[-1]))
 
     def around(self, middle: Trajectory) -> Trajectory:
         """A motion from rest to rest between the two, with them before and after it."""
@@ -291,8 +291,8 @@ class MovingEnds(ReadOnly):
         return concatenate([unwrap_towards(self.stop, middle), middle, Trajectory(run.times, turned, run.velocities)])
 
 
-def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingEnds:
-    """Plan how a problem's ends are left and reached in motion; goals are chart points (m, nv), free.
+def moving_ends(problem: Problem, goals: LocalPoints, stages: Stages) -> MovingEnds:
+    """Plan how a problem's ends are left and reached in motion; goals are local coordinates (m, nv), free.
 
     Raises:
         StageFailed: START_STATE_INVALID or GOAL_STATE_INVALID, with the joint that can't keep its limits, or can't stop
@@ -303,7 +303,7 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
         _require_within(problem, _GOAL, problem.end_rates, None)
         _require_within_whole(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)
         stop = _stop_within_limits(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)
-        reached: list[tuple[ChartPoint, Trajectory]] = []
+        reached: list[tuple[LocalPoint, Trajectory]] = []
         failures: list[StageFailed] = []
         once_at_rest = problem.at(problem.scene.end)
         for goal in goals:
@@ -331,7 +331,7 @@ _START = _EndWords(Status.START_STATE_INVALID, "start", "start_velocities", "sto
 _GOAL = _EndWords(Status.GOAL_STATE_INVALID, "goal", "end_velocities", "get up to speed")
 
 
-def _require_within(problem: Problem, end: _EndWords, velocity: ChartRate, acceleration: ChartRate | None) -> None:
+def _require_within(problem: Problem, end: _EndWords, velocity: LocalRate, acceleration: LocalRate | None) -> None:
     """Refuse what is beyond the limits of a joint, or will be whatever it does."""
     group = problem.group
     names = group.velocity_names
@@ -358,13 +358,13 @@ def _require_within(problem: Problem, end: _EndWords, velocity: ChartRate, accel
 
 
 def _require_within_whole(
-    problem: Problem, end: _EndWords, z: ChartPoint, velocity: ChartRate, acceleration: ChartRate | None
+    problem: Problem, end: _EndWords, z: LocalPoint, velocity: LocalRate, acceleration: LocalRate | None
 ) -> None:
     still = np.zeros_like(velocity)
-    rows = [cast(ChartRates, row[None]) for row in (velocity, still if acceleration is None else acceleration)]
-    point = cast(ChartPoints, z[None])
+    rows = [cast(LocalRates, row[None]) for row in (velocity, still if acceleration is None else acceleration)]
+    point = cast(LocalPoints, z[None])
     for limit in problem.cartesian_limits:
-        speed = limit.speed / math.sqrt(float(limit.along(point, rows[0], cast(ChartRates, still[None])).caps[0]))
+        speed = limit.speed / math.sqrt(float(limit.along(point, rows[0], cast(LocalRates, still[None])).caps[0]))
         if speed > limit.speed * KEPT_SHARE:
             kind = "link" if limit.is_link else "frame"
             told = f"`{end.field}` move {kind} {limit.name!r} at {speed:.6g} m/s, its limit is {limit.speed:g} m/s"
@@ -381,11 +381,11 @@ def _require_within_whole(
 
 
 def _stop_within_limits(
-    problem: Problem, end: _EndWords, z: ChartPoint, velocity: ChartRate, acceleration: ChartRate | None
+    problem: Problem, end: _EndWords, z: LocalPoint, velocity: LocalRate, acceleration: LocalRate | None
 ) -> Trajectory:
     """The motion to rest; at a goal that of time running backwards."""
     group = problem.group
-    still = cast(ChartRate, np.zeros(group.nv))
+    still = cast(LocalRate, np.zeros(group.nv))
     rise = still if acceleration is None else acceleration
     room = group.velocity_limits - np.abs(velocity)
     rises = np.where(velocity * rise > 0.0, rise**2 / (2.0 * np.maximum(room, 1e-300)), 0.0)

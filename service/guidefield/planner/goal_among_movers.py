@@ -46,19 +46,19 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stages, make_ending_at_rest
 from guidefield.planner.task.trace import Note
 from guidefield.prove.verdict import Verdict
-from guidefield.robot.model.joints import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalPoint, LocalPoints
 
 MotionJudge = Callable[[Trajectory], Verdict]  # judges a motion from time 0 on
 
 
 def reach_among_movers(
-    problem: Problem, goals: ChartPoints | None, through: Through, stages: Stages
+    problem: Problem, goals: LocalPoints | None, through: Through, stages: Stages
 ) -> CertifiedMotion:
     """Bring a robot through guide planes to a goal among obstacles that move, from time 0 on.
 
     Args:
         problem: Its start is free at time 0.
-        goals: Chart points, shape (m, nv), free once all rest; None where they are known behind the planes only.
+        goals: Local coordinates, shape (m, nv), free once all rest; None where they are known behind the planes only.
     """
     search, finished = _Search(problem, goals, stages), None
     if not problem.path_constraints:
@@ -104,12 +104,12 @@ class _Search:
     """A search, with what it knows: until when the start is free, from when goals are, and where schedules ended."""
 
     def __init__(
-        self, problem: Problem, goals: ChartPoints | None, stages: Stages, also: MotionJudge | None = None
+        self, problem: Problem, goals: LocalPoints | None, stages: Stages, also: MotionJudge | None = None
     ) -> None:
         self._problem, self._goals, self._stages, self._also = problem, goals, stages, also
         self._slices = Slices(problem, choose_step(problem.group) / count_slices(choose_step(problem.group)))
         self._free_from: dict[bytes, float] = {}
-        self._farthest: tuple[float, ChartPoint] | None = None
+        self._farthest: tuple[float, LocalPoint] | None = None
         self._ending: Ending | None = None
         self._excess: Ending | None = None
 
@@ -195,9 +195,9 @@ class _Search:
             return Ending(Status.PLANNING_FAILED, message, {"stage": "connect"})
         return self._blocked(*self._farthest)
 
-    def _blocked(self, _: float, z: ChartPoint) -> Ending:
+    def _blocked(self, _: float, z: LocalPoint) -> Ending:
         problem = self._problem
-        found = clearance_at(self._resting.world, problem.group.expand_from_chart(z))
+        found = clearance_at(self._resting.world, problem.group.expand_from_local(z))
         pair = list(found.obstacle_pair) if found.obstacle_pair else None
         names = " and ".join(pair) if pair else "what moves"
         message = f"no schedule along a way to the goal passes where {names} come near; the robot waited there in vain"
@@ -324,7 +324,7 @@ class _Search:
             free_at_rest=at_rest,
         )
 
-    def _from(self, goal: ChartPoint) -> float:
+    def _from(self, goal: LocalPoint) -> float:
         key = goal.tobytes()
         if key not in self._free_from:
             self._free_from[key] = find_free_from(self._problem, goal)

@@ -25,7 +25,7 @@ from guidefield.planner.task.stages import Ending, Stage, StageFailed, Stages
 from guidefield.planner.task.trace import Note
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.inverse_kinematics import EXACT, PoseTarget
-from guidefield.robot.model.joints import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalPoint, LocalPoints
 from guidefield.scene.guide_plane import GuidePlane, axes_across
 
 FIRST_TRY_SHARE = 0.5
@@ -53,8 +53,8 @@ def connect_to_plane(problem: Problem, found: PathSoFar, stuck: PathSoFar, index
     return stuck.with_failure(Ending(stuck.failure.status, message, stuck.failure.details))
 
 
-def _points_on(problem: Problem, plane: GuidePlane, stuck: ChartPoint) -> ChartPoints:
-    tip = problem.kinematics.tip_position(problem.group.expand_from_chart(stuck))
+def _points_on(problem: Problem, plane: GuidePlane, stuck: LocalPoint) -> LocalPoints:
+    tip = problem.kinematics.tip_position(problem.group.expand_from_local(stuck))
     place = plane.closest_point(tip, inset_of(problem, plane))
     try:
         return find_tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))
@@ -77,7 +77,7 @@ def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
 
 
 def connect_to_goal(
-    problem: Problem, found: PathSoFar, goals: ChartPoints, stage: Stage, *, prove: bool = True
+    problem: Problem, found: PathSoFar, goals: LocalPoints, stage: Stage, *, prove: bool = True
 ) -> PathSoFar:
     """Go on to one of some goals (m, nv); failed where it ends if no connection is found, or time is up.
 
@@ -96,7 +96,7 @@ def connect_to_goal(
 
 
 def connections(
-    problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages, words: str
+    problem: Problem, found: PathSoFar, goals: LocalPoints, stages: Stages, words: str
 ) -> Iterator[PathSoFar]:
     """Connections to one of some goals (m, nv), until a motion is certified; the second one is proven."""
     for prove in (False, True):
@@ -109,7 +109,7 @@ def connections(
             return
 
 
-def _try_connection(problem: Problem, found: PathSoFar, goals: ChartPoints, prove: bool) -> Connection:
+def _try_connection(problem: Problem, found: PathSoFar, goals: LocalPoints, prove: bool) -> Connection:
     rng = np.random.default_rng([problem.seed, 2])
     if problem.path_constraints:
         keeper = Keeper(problem, problem.constrained_frames)
@@ -118,7 +118,7 @@ def _try_connection(problem: Problem, found: PathSoFar, goals: ChartPoints, prov
 
 
 def _connect_with_clearance(
-    problem: Problem, found: PathSoFar, goals: ChartPoints, rng: np.random.Generator, prove: bool
+    problem: Problem, found: PathSoFar, goals: LocalPoints, rng: np.random.Generator, prove: bool
 ) -> Connection:
     part = _in_part_of_the_time(problem) if problem.min_clearance > 0.0 else problem
     connection = connect(part, found.path[-1], goals, rng, prove=prove)
@@ -144,7 +144,7 @@ class HeldPath(ReadOnly):
     detour: bool = False  # whether it goes by a place to wait at, so that it may not be made shorter
 
 
-Through = Callable[[Problem, PathSoFar, bool], tuple[PathSoFar, ChartPoints | None]]
+Through = Callable[[Problem, PathSoFar, bool], tuple[PathSoFar, LocalPoints | None]]
 """Leads a motion through the guide planes of a problem, if there are any, by all attempts (True) or by the first one;
 returns it with the goals (m, nv) after them, None where the last plane is the goal."""
 
@@ -154,7 +154,7 @@ def find_quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:
 
     Obstacles that bar the planes where they are at a time do so wherever they are until later.
     """
-    crossed: dict[Problem, tuple[PathSoFar, ChartPoints | None]] = {}
+    crossed: dict[Problem, tuple[PathSoFar, LocalPoints | None]] = {}
     barred = np.inf
     for draw, holding in enumerate(_hold_obstacles(problem)):
         among = holding.among
@@ -179,7 +179,7 @@ def _go_on(among: Problem, found: PathSoFar, through: Through, rng: np.random.Ge
 
 
 def _reach_goal(
-    among: Problem, found: PathSoFar, goals: ChartPoints | None, rng: np.random.Generator
+    among: Problem, found: PathSoFar, goals: LocalPoints | None, rng: np.random.Generator
 ) -> PathSoFar | None:
     if found.failure is not None or goals is None:
         return found if found.failure is None else None
@@ -213,12 +213,12 @@ def find_detours(problem: Problem, through: Through, slices: Slices, since: floa
             yield HeldPath("by a place to wait at", among, onward, detour=True)
 
 
-def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
+def _places(among: Problem, rng: np.random.Generator) -> LocalPoints:
     group, half = among.group, WAYS.places // 2
     noise = rng.normal(scale=WAYS.deviation, size=(half, group.nv)) * group.units
-    anywhere = np.array([group.chart(group.random(rng)) for _ in range(half)])
+    anywhere = np.array([group.to_local(group.random(rng)) for _ in range(half)])
     drawn = np.clip(np.concatenate([among.z_start + noise, anywhere]), group.lower, group.upper)
-    free: ChartPoints = drawn[~among.lanes.touching(drawn, among.min_clearance)]
+    free: LocalPoints = drawn[~among.lanes.touching(drawn, among.min_clearance)]
     return free
 
 

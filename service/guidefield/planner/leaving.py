@@ -30,7 +30,7 @@ from guidefield.prove.closest import measure
 from guidefield.prove.curve import point_on
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartCurves, ChartPoint
+from guidefield.robot.model.joints import LocalCurves, LocalPoint
 
 SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: docs/certificate.md and docs/goals.md promise it
 LEFT_DISTANCE = 1e-3  # distance that what touched keeps in the end, at least [m]. Unrecorded
@@ -66,7 +66,7 @@ def leave_contacts(problem: Problem, stages: Stages) -> LeftContact | None:
     Raises:
         StageFailed: START_STATE_IN_COLLISION if a contact is deep, or no short motion leads out of all of them.
     """
-    contacts = tuple(contacts_at(problem.world_at(0.0), problem.group.expand_from_chart(problem.z_start)))
+    contacts = tuple(contacts_at(problem.world_at(0.0), problem.group.expand_from_local(problem.z_start)))
     if not contacts:
         return None
     with stages.entered("ends", "out of the contact at the start") as stage:
@@ -114,8 +114,8 @@ class _WaysOut:
         allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
         self._others = World.build(problem.group, problem.scene, allowed)
 
-    def along(self, end: ChartPoint) -> Trajectory | None:
-        """The motion to a chart point (nv,) if it leads out of the contacts, and touches nothing else; None if not.
+    def along(self, end: LocalPoint) -> Trajectory | None:
+        """The motion to a point (nv,) if it leads out of the contacts, and touches nothing else; None if not.
 
         It leads out of them even if nothing that moves makes way.
         """
@@ -125,7 +125,7 @@ class _WaysOut:
             return None
         motion = time_path(problem, np.array([problem.z_start, end]))
         arrival = motion.duration
-        there, q = problem.world_at(arrival), problem.group.expand_from_chart(end)
+        there, q = problem.world_at(arrival), problem.group.expand_from_local(end)
         if there.in_collision(q) or (least > 0.0 and clearance_at(there, q).obstacle_distance < least):
             return None
         times = np.linspace(0.0, arrival, WAY_OUT_SAMPLES)
@@ -148,14 +148,14 @@ def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:
     return [k for k in np.concatenate([own, mixed]).tolist() if world.pair_names(k) in names]
 
 
-def measure_distances(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint, float | None], np.ndarray]:
-    """Make a function of a chart point (nv,) and a time [s]: distances of some pairs (k,) [m], signed or 0 in contact.
+def measure_distances(world: World, pairs: Sequence[int]) -> Callable[[LocalPoint, float | None], np.ndarray]:
+    """Make a function of a point (nv,) and a time [s]: distances of some pairs (k,) [m], signed or 0 in contact.
 
     Without a time obstacles rest.
     """
 
-    def distances(z: ChartPoint, time: float | None) -> np.ndarray:
-        world.place(world.group.expand_from_chart(z))
+    def distances(z: LocalPoint, time: float | None) -> np.ndarray:
+        world.place(world.group.expand_from_local(z))
         return np.array([measure(world, k, time)[0] for k in pairs])
 
     return distances
@@ -179,7 +179,7 @@ def _depth(contact: Contact) -> str:
 
 def continue_after(problem: Problem, left: LeftContact) -> Problem:
     """The problem from when and where the contact is left."""
-    end = problem.group.from_chart(left.motion.positions[-1])
+    end = problem.group.from_local(left.motion.positions[-1])
     return replace(problem.since(left.motion.duration, end), leave_start_contact=False)
 
 
@@ -199,7 +199,7 @@ class Leaving:
 def judge_leaving(conditions: Conditions, motion: SubmittedMotion) -> Leaving | None:
     """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT_DEPTH`."""
     begin = motion.along(0, 0.0)[1] or 0.0
-    contacts = tuple(contacts_at(conditions.world_at(begin), conditions.group.expand_from_chart(motion.start)))
+    contacts = tuple(contacts_at(conditions.world_at(begin), conditions.group.expand_from_local(motion.start)))
     if not contacts or any(one.depth is not None and one.depth > SLIGHT_DEPTH for one in contacts):
         return None
     piece, share, closer = _judge_way_out(conditions, motion, contacts)
@@ -223,7 +223,7 @@ def split_where_left(
     return (out,) if left == end else (out, (conditions, motion.between(left, end)))
 
 
-def _place(motion: SubmittedMotion, piece: int, share: float) -> ChartPoint:
+def _place(motion: SubmittedMotion, piece: int, share: float) -> LocalPoint:
     """A place on a motion (nv,); of steps on the straight way between both."""
     return point_on((motion.straight if motion.kind is CurveKind.STEPS else motion.pieces)[piece], share)
 
@@ -250,11 +250,11 @@ def _judge_way_out(
     return len(motion.pieces) - 1, 1.0, pairs[int(np.argmin(now))]
 
 
-def _is_free_beside(world: World, z: ChartPoint, tube: np.ndarray | None, clearance: float, deadline: Deadline) -> bool:
+def _is_free_beside(world: World, z: LocalPoint, tube: np.ndarray | None, clearance: float, deadline: Deadline) -> bool:
     """Return whether nothing touches anywhere in a controller's tube (nv,) about a place (nv,)."""
     if tube is None:
         return True
-    still = cast(ChartCurves, np.stack([z, z])[None])
+    still = cast(LocalCurves, np.stack([z, z])[None])
     return certify(world, still, clearance, deadline=deadline, tube=tube[None]).free
 
 
@@ -278,7 +278,7 @@ def _judge_parts(parts: Sequence[tuple[Conditions, SubmittedMotion]], piece: int
         return _place_on_whole(leaving, 0, piece, 0.0, share)
     conditions, rest = after[0]
     time, z = rest.along(0, 0.0)[1], rest.start
-    if (inside := enclosed(conditions.world_at(time or 0.0), conditions.group.expand_from_chart(z))) is not None:
+    if (inside := enclosed(conditions.world_at(time or 0.0), conditions.group.expand_from_local(z))) is not None:
         return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
     left = certify_given(conditions, rest, conditions.deadline)
     first = piece + 1 if share == 1.0 else piece

@@ -36,7 +36,7 @@ from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints, ChartRates
+from guidefield.robot.model.joints import LocalCurves, LocalPoint, LocalPoints, LocalRates
 
 CERTIFY_GRACE_S = 0.03
 """Time to judge a motion after the deadline, or when the run is cancelled [s]: a proven motion is worth it."""
@@ -52,7 +52,7 @@ class CertifiedMotion(ReadOnly):
     """A motion at the end of planning, and the certificate's verdict about it."""
 
     verdict: Verdict  # the certificate's judgement of `trajectory`, or of `path` where there is no trajectory
-    path: ChartPoints  # chart points that it runs through, shape (n, nv) [rad or m]
+    path: LocalPoints  # local coordinates that it runs through, shape (n, nv) [rad or m]
     crossings: Mapping[int, int]  # by index of each guide plane that was reached, its index in `path`
     trajectory: Trajectory | None = None  # what the robot would execute; None where a stage failed before
     failure: Ending | None = None  # why a stage failed; None where none did
@@ -240,7 +240,7 @@ def slow_down(trajectory: Trajectory, stretch: float, attempt: int) -> Trajector
     factor = stretch * (1.0 + 1e-9 * 10.0**attempt)
     begin = trajectory.times[0]
     times = begin + factor * (trajectory.times - begin)
-    return Trajectory(times, trajectory.positions, cast(ChartRates, trajectory.velocities / factor))
+    return Trajectory(times, trajectory.positions, cast(LocalRates, trajectory.velocities / factor))
 
 
 def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
@@ -293,7 +293,7 @@ def certify_from_start(conditions: Conditions, motion: Trajectory, deadline: Dea
 
 
 def _with_constraints(
-    conditions: Conditions, verdict: Verdict, pieces: ChartCurves, deadline: Deadline, tube: np.ndarray | None = None
+    conditions: Conditions, verdict: Verdict, pieces: LocalCurves, deadline: Deadline, tube: np.ndarray | None = None
 ) -> Verdict:
     if not (verdict.free and conditions.path_constraints):
         return verdict
@@ -301,13 +301,13 @@ def _with_constraints(
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
-def find_enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> Verdict | None:
+def find_enclosed_start(conditions: Conditions, z: LocalPoint, time: float = 0.0) -> Verdict | None:
     """The refusal of a motion with one body wholly inside another at its start (nv,); None if none is, or it touches.
 
     A certificate of what comes after the start doesn't see it: a mesh is a surface to Coal.
     """
     world = conditions.world_at(time)
-    q = conditions.group.expand_from_chart(z)
+    q = conditions.group.expand_from_local(z)
     inside = enclosed(world, q)  # of most worlds known at once: it is asked first
     if inside is None or world.in_collision(q):
         return None

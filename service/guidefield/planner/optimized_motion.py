@@ -29,7 +29,7 @@ from guidefield.planner.schedule import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartPoints
+from guidefield.robot.model.joints import LocalPoints
 
 HURRIED = "time was up while the motion was optimised: with a longer `allowed_planning_time` it gets better"
 """Warning about a motion that is certified, but slower, or nearer to obstacles, than it had to be."""
@@ -45,7 +45,7 @@ class CrossedPlanes(ReadOnly):
     at_ends: Mapping[int, int]
 
     @classmethod
-    def of(cls, problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> CrossedPlanes:
+    def of(cls, problem: Problem, path: LocalPoints, crossings: Mapping[int, int]) -> CrossedPlanes:
         """Find the planes crossed by a path (n, nv); `crossings` are indices in the path by index of each plane."""
         last = len(path) - 1
         inner = sorted((at, plane) for plane, at in crossings.items() if 0 < at < last)

@@ -32,7 +32,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending
 from guidefield.prove.curve import polyline
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import LocalCurves, LocalPoint, LocalPoints, LocalRate, LocalRates
 
 # largest spacing of control points of the curve along a path [rad or m]. On 100 public problems of four robots, nothing
 # optimised: with 0.18 motions take 1 to 4 % longer; with 0.5 they take 1 to 4 % less, and one in six more is refused at
@@ -48,12 +48,12 @@ def limits_of(problem: Problem) -> Limits:
     """The limits of rates that a problem's motions keep."""
     group = problem.group
     jerk = problem.jerk_limits
-    unlimited = cast(ChartRate, np.full(group.nv, np.inf))
+    unlimited = cast(LocalRate, np.full(group.nv, np.inf))
     own = unlimited if jerk is None else jerk
     return Limits(group.velocity_limits, group.acceleration_limits, own, problem.motion_limits, problem.deadline)
 
 
-def round_path(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> BSpline:
+def round_path(problem: Problem, path: LocalPoints, limits: Limits, finer: int = 1) -> BSpline:
     """The fastest motion round the corners of a path (n, nv), from rest to rest.
 
     Args:
@@ -63,24 +63,24 @@ def round_path(problem: Problem, path: ChartPoints, limits: Limits, finer: int =
     if problem.path_constraints:
         keeper = Keeper(problem, problem.constrained_frames)
         back = [z if (kept := keeper.bring_back(z)) is None else kept for z in places[1:-1]]
-        places = remove_repetitions(cast(ChartPoints, np.array([places[0], *back, places[-1]])))
+        places = remove_repetitions(cast(LocalPoints, np.array([places[0], *back, places[-1]])))
     return parameterize(PathCurve.along(places, problem.group.sizes), limits, finer)
 
 
-def time_path(problem: Problem, path: ChartPoints, finer: int = 1) -> Trajectory:
+def time_path(problem: Problem, path: LocalPoints, finer: int = 1) -> Trajectory:
     """As `round_path`, within the problem's limits; a single knot where the path (n, nv) goes nowhere."""
     return _time_within(problem, path, limits_of(problem), finer)
 
 
 def time_path_ignoring_jerk(
-    problem: Problem, path: ChartPoints, motion_limits: tuple[MotionLimit, ...] = ()
+    problem: Problem, path: LocalPoints, motion_limits: tuple[MotionLimit, ...] = ()
 ) -> Trajectory:
     """As `time_path`, whatever its jerk; within the given limits of the whole instead of the problem's."""
-    unlimited = cast(ChartRate, np.full(problem.group.nv, np.inf))
+    unlimited = cast(LocalRate, np.full(problem.group.nv, np.inf))
     return _time_within(problem, path, limits_of(problem)._replace(jerk=unlimited, motion_limits=motion_limits))
 
 
-def _time_within(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> Trajectory:
+def _time_within(problem: Problem, path: LocalPoints, limits: Limits, finer: int = 1) -> Trajectory:
     if len(remove_repetitions(path)) == 1:
         return make_standing_motion(path[0])
     return stretch_spline_to_limits(round_path(problem, path, limits, finer), limits)
@@ -92,7 +92,7 @@ def retime_motion(problem: Problem, motion: Trajectory) -> BSpline | None:
     It leaves the way a little where that bends, the less the shorter its pieces are: see `timing`.
     """
     times = np.linspace(motion.times[0], motion.times[-1], RETIMED_SAMPLES)
-    points = cast(ChartPoints, motion.evaluate(times)[0] / problem.group.sizes)
+    points = cast(LocalPoints, motion.evaluate(times)[0] / problem.group.sizes)
     lengths = np.concatenate([[0.0], np.cumsum(lengths_of(points))])
     if lengths[-1] <= REPEATED:
         return None
@@ -101,12 +101,12 @@ def retime_motion(problem: Problem, motion: Trajectory) -> BSpline | None:
     return parameterize(PathCurve.along(places, problem.group.sizes), limits_of(problem), RETIMED_FINER)
 
 
-def time_path_with_stops(problem: Problem, path: ChartPoints) -> tuple[Trajectory, list[int]]:
+def time_path_with_stops(problem: Problem, path: LocalPoints) -> tuple[Trajectory, list[int]]:
     """The motion along the very path (n, nv), at rest at every waypoint; and its knot at each of them."""
     limits = limits_of(problem)
     parts = []
     for begin, end in pairwise(path):
-        line = cast(ChartPoints, np.array([begin, end]))
+        line = cast(LocalPoints, np.array([begin, end]))
         if len(remove_repetitions(line)) == 1:
             parts.append(make_standing_motion(begin))
         else:
@@ -117,21 +117,21 @@ def time_path_with_stops(problem: Problem, path: ChartPoints) -> tuple[Trajector
     return concatenate(parts), knots.tolist()
 
 
-def make_standing_motion(z: ChartPoint) -> Trajectory:
-    """The motion that stays at a chart point (nv,)."""
-    return Trajectory(np.zeros(1), cast(ChartPoints, z[None].copy()), cast(ChartRates, np.zeros((1, len(z)))))
+def make_standing_motion(z: LocalPoint) -> Trajectory:
+    """The motion that stays at local coordinates (nv,)."""
+    return Trajectory(np.zeros(1), cast(LocalPoints, z[None].copy()), cast(LocalRates, np.zeros((1, len(z)))))
 
 
 @dataclass(frozen=True, eq=False)
 class PathSoFar(ReadOnly):
     """The motion found so far, and why it goes no further where a stage failed."""
 
-    path: ChartPoints
+    path: LocalPoints
     # by index of each guide plane that was reached, its index in `path`
     crossings: Mapping[int, int] = field(default_factory=dict)
     proven: bool = True  # whether its straight pieces are certified, not only free at samples
     # other ways from the same start to a goal, shape (n, nv) each, free at samples: they may prove quicker
-    others: tuple[ChartPoints, ...] = ()
+    others: tuple[LocalPoints, ...] = ()
     failure: Ending | None = None  # why the stage after it found nothing; None while none failed
 
     @classmethod
@@ -139,7 +139,7 @@ class PathSoFar(ReadOnly):
         """Nothing but a problem's start."""
         return cls(problem.z_start[None])
 
-    def extend(self, points: ChartPoints, *, proven: bool = True, others: tuple[ChartPoints, ...] = ()) -> PathSoFar:
+    def extend(self, points: LocalPoints, *, proven: bool = True, others: tuple[LocalPoints, ...] = ()) -> PathSoFar:
         """Gone on from where the path ends, along points (n, nv) that begin there, and along other ways (n, nv)."""
         path, *rest = (np.concatenate([self.path, way[1:]]) for way in (points, *others))
         return dataclasses.replace(self, path=path, proven=self.proven and proven, others=tuple(rest))
@@ -156,7 +156,7 @@ class PathSoFar(ReadOnly):
         """The same, as far as it goes."""
         return dataclasses.replace(self, failure=failure)
 
-    def bezier(self) -> ChartCurves:
+    def bezier(self) -> LocalCurves:
         """Control points of its pieces, shape (m, k, nv), m >= 1 [rad or m]."""
         return polyline(self.path)
 

@@ -43,7 +43,7 @@ from guidefield.planner.task.stages import Ending, Stage, StageFailed, Stages, m
 from guidefield.planner.task.trace import StageLeft
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalPoint, LocalPoints
 from guidefield.scene.guide_plane import GuidePlane, axes_across, build
 
 
@@ -87,10 +87,10 @@ def cross_planes(
 def _approach(
     problem: Problem, found: PathSoFar, plane: GuidePlane, index: int, attempts: Sequence[Attempt], stage: Stage
 ) -> PathSoFar:
-    crossing = cross_plane(problem, problem.group.from_chart(found.path[-1]), plane, index, attempts)
+    crossing = cross_plane(problem, problem.group.from_local(found.path[-1]), plane, index, attempts)
     reached = crossing.status is Status.SUCCESS
     stage.outcome = "reached" if reached else crossing.status.name.lower().replace("_", " ")
-    along_planes = found.extend(problem.group.chart_path(list(crossing.path), found.path[-1]))
+    along_planes = found.extend(problem.group.local_path(list(crossing.path), found.path[-1]))
     return (
         along_planes
         if reached
@@ -103,8 +103,8 @@ SQUARE = 1.05  # half side of the square about the goal, over the radius of the 
 
 def find_goals_behind_planes(
     problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]
-) -> tuple[PathSoFar, ChartPoints]:
-    """Chart points (m, nv) that reach the goal's pose, searched for from where the guided planner gets, and the motion.
+) -> tuple[PathSoFar, LocalPoints]:
+    """Points (m, nv) that reach the goal's pose, searched for from where the guided planner gets, and the motion.
 
     The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
     configuration it arrives at is one that fits there, and the pose is searched for next to it. There are none where it
@@ -120,12 +120,12 @@ def find_goals_behind_planes(
     try:
         return found, find_tip_points(problem, target, (along.path[-1], here))
     except StageFailed as failed:
-        return found.with_failure(failed.ending), cast(ChartPoints, np.empty((0, group.nv)))
+        return found.with_failure(failed.ending), cast(LocalPoints, np.empty((0, group.nv)))
 
 
-def _make_square(problem: Problem, here: ChartPoint, place: np.ndarray) -> GuidePlane:
+def _make_square(problem: Problem, here: LocalPoint, place: np.ndarray) -> GuidePlane:
     """A square as small as the tip's body allows, about a place (3,), across the straight way of the tip there."""
-    way = place - problem.kinematics.tip_position(problem.group.expand_from_chart(here))
+    way = place - problem.kinematics.tip_position(problem.group.expand_from_local(here))
     length = float(np.linalg.norm(way))
     across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
     half = SQUARE * max(tip_radius(problem.group), 1e-3)
@@ -149,7 +149,7 @@ class Plan(ReadOnly):
     status: Status
     message: str
     verdict: Verdict  # the certificate's judgement of `trajectory`, or of `path` where there is no trajectory
-    path: ChartPoints  # what the planner found: chart points (n, nv), the best partial motion where it failed
+    path: LocalPoints  # what the planner found: local coordinates (n, nv), the best partial motion where it failed
     trajectory: Trajectory | None = None  # what the robot would execute; None where the planner failed
     # by index of each guide plane that was reached, its index in `path`
     crossings: Mapping[int, int] = field(default_factory=dict)
@@ -224,11 +224,11 @@ def _plan_from_start(
 
 
 def _cross_planes(
-    problem: Problem, goals: ChartPoints | None, planner: Planner, attempts: Sequence[Attempt], stages: Stages
+    problem: Problem, goals: LocalPoints | None, planner: Planner, attempts: Sequence[Attempt], stages: Stages
 ) -> Through:
     """The way through a problem's guide planes, among its obstacles or some of them, to the goals after them."""
 
-    def through(among: Problem, found: PathSoFar, thoroughly: bool) -> tuple[PathSoFar, ChartPoints | None]:
+    def through(among: Problem, found: PathSoFar, thoroughly: bool) -> tuple[PathSoFar, LocalPoints | None]:
         behind, tried = goals, attempts if thoroughly else attempts[:1]
         if planner is not Planner.TREE and among.guide_planes:
             connects = thoroughly and planner is Planner.AUTO
@@ -243,7 +243,7 @@ def _cross_planes(
     return through
 
 
-def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> CertifiedMotion:
+def _plan_in_motion(problem: Problem, goals: LocalPoints, stages: Stages) -> CertifiedMotion:
     """From a start in motion, or to an end in motion; among obstacles that move the robot stops first."""
     try:
         ends = moving_ends(problem, goals, stages)
@@ -262,8 +262,8 @@ def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Cer
     return replace(judged, path=path, warnings=(*rest.warnings, STOPS))
 
 
-def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
-    """Chart points of the goal; None where a plane is the goal, or its pose is searched for behind the planes."""
+def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> LocalPoints | None:
+    """Local coordinates of the goal; None where a plane is the goal, or its pose is searched for behind the planes."""
     with stages.entered("ends", "start and goal") as stage:
         check_start(problem.at(0.0))
         try:
@@ -284,7 +284,7 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
 
 
 def _reach_goal(
-    problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages, ends: MovingEnds | None = None
+    problem: Problem, found: PathSoFar, goals: LocalPoints, stages: Stages, ends: MovingEnds | None = None
 ) -> CertifiedMotion:
     """Connect and finish: a path free at samples is optimised at once; if that fails, one is certified before."""
     finished, among, words = None, problem, "to the goal"

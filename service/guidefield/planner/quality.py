@@ -21,7 +21,7 @@ from guidefield.collision.clearance import ClearanceAt, enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.timing.travel import (
-    IN_CHART,
+    IN_LOCAL,
     OF_FRAME,
     WAYS,
     squared_turns,
@@ -39,7 +39,7 @@ from guidefield.prove.search import SearchQuery, SearchResult
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.joints import ChartCurves, ChartPoint, Configurations, ModelConfigurations
+from guidefield.robot.model.joints import Configurations, LocalCurves, LocalPoint, ModelConfigurations
 from guidefield.scene.scene import Scene
 
 LENGTH_STEPS = 100  # least number of chords by which the length of a path is measured. Unrecorded
@@ -88,7 +88,7 @@ class TimedMotion(Protocol):
         """Times at which the pieces begin, and the last one ends, shape (m + 1,) [s]."""
 
     def evaluate(self, times: np.ndarray, /) -> tuple[np.ndarray, ...]:
-        """Chart points, shape (k, nv), first of all, at times (k,) [s]."""
+        """Local coordinates, shape (k, nv), first of all, at times (k,) [s]."""
 
 
 @dataclass(frozen=True)
@@ -147,11 +147,13 @@ class ClearanceProfile(ReadOnly):
 class Figures:
     """Length, duration and smoothness of a motion."""
 
-    joint_path_length: float  # length in the chart [rad or m]
+    joint_path_length: float  # length in local coordinates [rad or m]
     tip_path_length: float  # length of the tip's way [m]
     duration: float  # [s]
     peak_jerk: float  # largest jerk within a piece of the trajectory [rad/s^3 or m/s^3]
-    smoothness: float  # bending energy of the way in the chart times its length, dimensionless; 0 for a straight motion
+    smoothness: (
+        float  # bending energy of the way in local coordinates times its length, dimensionless; 0 for a straight motion
+    )
 
 
 UNMEASURED = "time was up before distances were measured: `clearance` and `self_clearance` are left out"
@@ -192,7 +194,7 @@ def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance
         )
         for one in (*found.obstacle, found.own)
     ]
-    start = world.group.expand_from_chart(cast(ChartPoint, curve.pieces[0, 0]))
+    start = world.group.expand_from_local(cast(LocalPoint, curve.pieces[0, 0]))
     # what is in the open at the start and touches nothing stays there
     if min(one.distance for one in closest) <= 0.0 or enclosed(world_at(world, times[0]), start) is not None:
         n_self, begins = world.pairs.n_self, np.array([*(begin for begin, _ in spans), times[0]])
@@ -271,7 +273,7 @@ def measure_clearance_profile(*parts: tuple[Clearance, Conditions, Scene], every
         if samples:  # it begins where the one before ends
             times, lengths, evaluated = times[1:], samples[-1].lengths[-1] + lengths[1:], evaluated[1:]
         zs, group = measured.curve.at(times), problem.group
-        configurations = np.array([group.from_chart(z) for z in zs])
+        configurations = np.array([group.from_local(z) for z in zs])
         samples.append(_Samples(times, lengths, evaluated, configurations, group.expand_each(zs)))
     found = list[ClearanceAt]()
     runs = [[*run] for _, run in itertools.groupby(range(len(parts)), lambda number: id(parts[number][1].world))]
@@ -330,7 +332,7 @@ def measure_figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     if way.length > 0.0 and len(way.evenly) > 2:
         bending = squared_turns(way.pieces, way.begins, way.evenly) / way.stride * way.length
     return Figures(
-        joint_path_length=float(lengths[IN_CHART]),
+        joint_path_length=float(lengths[IN_LOCAL]),
         tip_path_length=float(lengths[OF_FRAME]),
         duration=trajectory.duration,
         peak_jerk=trajectory.peak_jerk,
@@ -341,7 +343,7 @@ def measure_figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
 class TravelledPath(NamedTuple):
     """A motion as curves, and how far it has travelled, of coordinates over their sizes."""
 
-    pieces: ChartCurves  # control points of the curves, shape (m, k, nv) [rad, or m at size 1]
+    pieces: LocalCurves  # control points of the curves, shape (m, k, nv) [rad, or m at size 1]
     begins: np.ndarray  # when they begin and the last one ends, shape (m + 1,) [s]
     times: np.ndarray  # many times along it, shape (n,) [s]
     lengths: np.ndarray  # joint distance travelled by then, shape (n,) [rad, or m at size 1]
@@ -366,7 +368,7 @@ def measure_travel(trajectory: TimedMotion, sizes: tuple[float, ...]) -> Travell
     count = min(max(math.ceil(length / SAMPLE_SPACING) + 1, 2), MAX_SAMPLES)
     evenly = np.linspace(0.0, length, count)
     way = TravelledPath(
-        cast(ChartCurves, pieces), begins, times, lengths, float(evenly[1]), np.interp(evenly, lengths, times)
+        cast(LocalCurves, pieces), begins, times, lengths, float(evenly[1]), np.interp(evenly, lengths, times)
     )
     read_only(*way)
     return way

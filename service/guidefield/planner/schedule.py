@@ -24,12 +24,12 @@ from guidefield.planner.task.problem import Problem
 from guidefield.prove.curve import excesses
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import LocalPoint, LocalPoints, LocalRate, LocalRates
 
 KNOTS = 8  # knots in a step: with more the rate is followed more closely, by more pieces to certify
 ROUNDING = 1e-12  # a curve that is beyond a limit by no more than this keeps it [rad or m]
 
-Knots = tuple[np.ndarray, ChartPoints, ChartRates]
+Knots = tuple[np.ndarray, LocalPoints, LocalRates]
 
 
 class Occupancy:
@@ -95,7 +95,7 @@ class Occupancy:
             self._rows[index, self._about(place[1])] = 0
 
     def point(self, cell: int) -> np.ndarray:
-        """The chart point (nv,) of a cell."""
+        """The local coordinates (nv,) of a cell."""
         point: np.ndarray = self._zs[cell]
         return point
 
@@ -323,7 +323,7 @@ def _trace(motion: Trajectory, step: float, steps: int, place: int, rate: int, p
 
 
 def find_leaving(
-    knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
+    knots: np.ndarray, values: LocalPoints, slopes: LocalRates, lower: LocalPoint, upper: LocalPoint
 ) -> np.ndarray:
     """Find coordinates of a Hermite curve, knots (n,), values and slopes (n, c), that leave limits (c,): shape (c,)."""
     beyond, _ = excesses(bezier(knots, values, slopes), lower, upper)
@@ -332,8 +332,8 @@ def find_leaving(
 
 
 def clamp_smoothly(
-    knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
-) -> tuple[ChartPoints, ChartRates]:
+    knots: np.ndarray, values: LocalPoints, slopes: LocalRates, lower: LocalPoint, upper: LocalPoint
+) -> tuple[LocalPoints, LocalRates]:
     """A C² cubic curve as of `find_leaving` brought within limits, still C²: values and slopes (n, c), its ends kept.
 
     Its de Boor points are brought within, in whose hull it is. With steps h, that of knot i is b - (h_{i-1} / h_i) (c -
@@ -353,8 +353,8 @@ def clamp_smoothly(
 
 
 def bound_slopes(
-    knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
-) -> ChartRates:
+    knots: np.ndarray, values: LocalPoints, slopes: LocalRates, lower: LocalPoint, upper: LocalPoint
+) -> LocalRates:
     """Slopes (n, c) with which a cubic Hermite curve through values as of `find_leaving` keeps limits; not always C².
 
     The control points next to a knot, a third of a step along the slope away from its value, are brought within.
@@ -364,11 +364,11 @@ def bound_slopes(
     most, least = np.full(values.shape, np.inf), np.full(values.shape, -np.inf)
     most[:-1], least[:-1] = above[:-1] / thirds, -below[:-1] / thirds
     most[1:], least[1:] = np.minimum(most[1:], below[1:] / thirds), np.maximum(least[1:], -above[1:] / thirds)
-    bounded: ChartRates = np.clip(slopes, least, most)
+    bounded: LocalRates = np.clip(slopes, least, most)
     return bounded
 
 
-def fit_smooth_spline(times: np.ndarray, positions: ChartPoints) -> tuple[ChartPoints, ChartRates]:
+def fit_smooth_spline(times: np.ndarray, positions: LocalPoints) -> tuple[LocalPoints, LocalRates]:
     """Positions and velocities (n, nv) of the C² cubic through points at even times, at rest at both ends.
 
     No acceleration at an end takes away the freedom of the point next to it, which moves a little. With step h and
@@ -380,7 +380,7 @@ def fit_smooth_spline(times: np.ndarray, positions: ChartPoints) -> tuple[ChartP
     lower, upper = np.ones(n - 2), np.ones(n - 2)
     lower[1], right[1] = 2.0, 3.0 * (positions[3] - positions[0]) / h
     upper[-2], right[-2] = 2.0, 3.0 * (positions[-1] - positions[-4]) / h
-    velocities = cast(ChartRates, np.zeros_like(positions))
+    velocities = cast(LocalRates, np.zeros_like(positions))
     velocities[1:-1] = _tridiagonal(lower, 4.0, upper, right)
     moved = positions.copy()
     moved[1] = positions[0] + h * velocities[1] / 3.0
@@ -418,19 +418,19 @@ def retime(problem: Problem, schedule: Schedule) -> Trajectory | None:
         _through_samples(problem, schedule) if problem.jerk_limits is not None else _through_knots(problem, schedule)
     )
     group = problem.group
-    jerks = cast(ChartRate, np.full(group.nv, np.inf)) if problem.jerk_limits is None else problem.jerk_limits
+    jerks = cast(LocalRate, np.full(group.nv, np.inf)) if problem.jerk_limits is None else problem.jerk_limits
     if measure_limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerks) > 1.0 + TOLERANCE:
         return None
     times, positions, velocities = knots
     return wait_until_begin(Trajectory(schedule.departure + times, positions, velocities))
 
 
-def _sample(schedule: Schedule, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
+def _sample(schedule: Schedule, times: np.ndarray) -> tuple[LocalPoints, LocalRates]:
     motion = schedule.motion
     own, rates = schedule.at(times, schedule.step)
     own = np.clip(own * (motion.duration / own[-1]), 0.0, motion.duration) + motion.times[0]
     positions, velocities, _ = motion.evaluate(own)
-    return positions, cast(ChartRates, velocities * rates[:, None])
+    return positions, cast(LocalRates, velocities * rates[:, None])
 
 
 def _through_knots(problem: Problem, schedule: Schedule) -> Knots:
@@ -478,6 +478,6 @@ def wait_until_begin(motion: Trajectory) -> Trajectory:
     still = np.zeros_like(motion.velocities[:1])
     return Trajectory(
         np.concatenate([[0.0], motion.times]),
-        cast(ChartPoints, np.concatenate([motion.positions[:1], motion.positions])),
-        cast(ChartRates, np.concatenate([still, motion.velocities])),
+        cast(LocalPoints, np.concatenate([motion.positions[:1], motion.positions])),
+        cast(LocalRates, np.concatenate([still, motion.velocities])),
     )

@@ -26,7 +26,7 @@ from guidefield.messages import scene as messages
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.certificate import certify_moving
 from guidefield.prove.verdict import Verdict
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.robot.model.model import MARGIN
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering
@@ -52,7 +52,9 @@ class ScheduleSettings:
     most_triangles: int = 200  # a moving mesh of more stands in slices as the box about it. A choice
     most_points: int = 500  # a moving cloud of more is covered by this many larger ones. A choice
     far: float = 5.0  # how far a joint without limits slides, for the speed of half-spaces [m]. A choice
-    resolution: float = 32.0  # cells of a path per length in the chart [1/rad or 1/m], as samples of a tree's motions
+    resolution: float = (
+        32.0  # cells of a path per length in local coordinates [1/rad or 1/m], as samples of a tree's motions
+    )
     most_cells: int = 1000  # cells of a path at most. A choice
     fine: int = 4  # times for each knot of a motion at which the distance travelled is measured. A choice
     steps_at_once: int = 4  # steps that are followed before it is asked whether time is up. A choice
@@ -202,7 +204,7 @@ class Slices:
         self._kept: dict[tuple[int, int], tuple[BatchCollision, float]] = {}
 
     def touching(self, index: int, zs: np.ndarray, together: int = 1) -> np.ndarray:
-        """The chart points (n, nv) that may touch in a slice, by its index, or in one of several; shape (n,), bool.
+        """The points (n, nv) that may touch in a slice, by its index, or in one of several; shape (n,), bool.
 
         Several of them count as slices of as many times the length.
         """
@@ -260,8 +262,8 @@ def _reach(world: World) -> tuple[np.ndarray, float]:
 KNOWN_TO = 0.01  # accuracy of the times until which, and from which on, a place is free [s], above 0
 
 
-def find_meeting(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:
-    """Find until when a robot may stand at a chart point (nv,) from time 0 on [s]; infinite if always.
+def find_meeting(problem: Problem, z: LocalPoint) -> tuple[float, Verdict | None]:
+    """Find until when a robot may stand at local coordinates (nv,) from time 0 on [s]; infinite if always.
 
     Returns:
         The time, and the refusal of what comes after it; None if nothing comes.
@@ -282,8 +284,8 @@ def find_meeting(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None
     return first, verdict
 
 
-def find_free_from(problem: Problem, z: ChartPoint) -> float:
-    """Find from when on a robot may stand for good at a chart point (nv,) that is free once all obstacles rest [s]."""
+def find_free_from(problem: Problem, z: LocalPoint) -> float:
+    """Find from when on a robot may stand for good at a point (nv,) that is free once all obstacles rest [s]."""
     last = max(problem.scene.end, 0.0)
     if last <= 0.0 or _stands(problem, z, 0.0, last).free:
         return 0.0
@@ -297,7 +299,7 @@ def find_free_from(problem: Problem, z: ChartPoint) -> float:
     return last
 
 
-def _stands(problem: Problem, z: ChartPoint, begin: float, end: float) -> Verdict:
+def _stands(problem: Problem, z: LocalPoint, begin: float, end: float) -> Verdict:
     verdict = certify_moving(
         problem.world,
         np.repeat(z[None, None], 4, axis=1),

@@ -32,9 +32,9 @@ from guidefield.kernels.tree.rrt_connect import SIEVE
 from guidefield.memo import memoized
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model.joints import ROAM, ROTATION, TRANSLATION, WIND, ChartPoints
+from guidefield.robot.model.joints import ROAM, ROTATION, TRANSLATION, WIND, LocalPoints
 
-# samples of a motion per length in the chart [1/rad or 1/m]: VAMP's resolution, with which its times are compared.
+# samples of a motion per length in local coordinates [1/rad or 1/m]: VAMP's, with which its times are compared.
 # A prototype's search at it left 14 of 420 paths of a Panda in contact between samples, which a certificate finds
 RESOLUTION = 32.0
 MOST_ITERATIONS = 100_000_000  # samples that a search draws, which cost next to nothing: for safety
@@ -60,7 +60,7 @@ HARD_TO_LEAVE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Sources(ReadOnly):
-    """The box that samples of a group fill: chart points in the group's units."""
+    """The box that samples of a group fill: local coordinates in the group's units."""
 
     sampling: Sampling
     words: Words
@@ -74,7 +74,7 @@ class Sources(ReadOnly):
         read_only(*sampling)
         return cls(sampling, pack(sampling), roams, around)
 
-    def about(self, roots: ChartPoints) -> Sources:
+    def about(self, roots: LocalPoints) -> Sources:
         """Sources whose box extends by `around` beyond roots (n, nv), such points, in coordinates that roam."""
         if len(self.roams) == 0:
             return self
@@ -83,7 +83,7 @@ class Sources(ReadOnly):
         lower[self.roams], width[self.roams] = least - self.around, largest - least + 2.0 * self.around
         return Sources.of(self.sampling._replace(lower=lower, width=width), self.roams, self.around)
 
-    def between(self, starts: ChartPoints, goals: ChartPoints, length: float) -> Sources:
+    def between(self, starts: LocalPoints, goals: LocalPoints, length: float) -> Sources:
         """A box about all points through which a path of some length may lead from a start (k, nv) to a goal (m, nv).
 
         Of one start and one goal these are an ellipsoid with both in its foci (Gammell 2014); a coordinate that wraps
@@ -117,12 +117,12 @@ class Sources(ReadOnly):
 def sources_of(group: PlanningGroup) -> Sources:
     """The box that samples of a group fill."""
     endless = ~np.isfinite(group.upper - group.lower)
-    return _alike_sources(group, group.chart(group.q_origin)[endless].tobytes() if endless.any() else b"")
+    return _alike_sources(group, group.to_local(group.q_origin)[endless].tobytes() if endless.any() else b"")
 
 
 @memoized_for_alike
 def _alike_sources(group: PlanningGroup, origins: bytes) -> Sources:
-    """`sources_of` a group, by the values of the coordinates without limits where its chart starts, in order."""
+    """`sources_of` a group, by the values of the coordinates without limits where these start, in order."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), group.periods.astype(np.float32)
     lengths, rotations = np.zeros(group.nv, bool), []
     for joint in group.joints:
@@ -159,8 +159,8 @@ def _steps(count: int) -> np.ndarray:
 class FoundPath(ReadOnly):
     """The result of a search."""
 
-    # chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none
-    path: ChartPoints | None
+    # local coordinates (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none
+    path: LocalPoints | None
     counters: np.ndarray
     search: lane_nodes.TreeSearch
     units: np.ndarray  # what counts as one radian in each coordinate of their nodes, shape (nv,)
@@ -189,16 +189,16 @@ class FoundPath(ReadOnly):
         first, second = self.counters[lane_nodes.TRIED : lane_nodes.TRIED + 2].tolist()
         return first, second
 
-    def trees(self) -> tuple[tuple[ChartPoints, np.ndarray], ...]:
-        """Chart points of both trees' nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
+    def trees(self) -> tuple[tuple[LocalPoints, np.ndarray], ...]:
+        """Local coordinates of both trees' nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
         held = zip(*held_by(self.search)[:2], self.sizes, strict=True)
         return tuple((nodes[:, :size].T * self.units, parents[:size].copy()) for nodes, parents, size in held)
 
 
 def grow(
     lanes: BatchCollision,
-    starts: ChartPoints,
-    goals: ChartPoints,
+    starts: LocalPoints,
+    goals: LocalPoints,
     resolution: float,
     clearance: float,
     rng: np.random.Generator,
@@ -211,7 +211,7 @@ def grow(
 ) -> FoundPath:
     """Grow two trees from free roots, shapes (k, nv) and (m, nv), towards each other until they meet.
 
-    Motions are sampled so often per length in the chart [1/rad or 1/m], and keep a clearance from obstacles [m].
+    Motions are sampled so often per length in local coordinates [1/rad or 1/m], and keep obstacles at a clearance [m].
     Samples come from where a path of at most a length by the group's metric [rad] may lead. With path constraints,
     which all roots keep, trees walk within these; with no iterations they walk straight to each goal.
 
@@ -283,7 +283,7 @@ def _zeros_on_cache_line(size: int) -> np.ndarray:
 class _TreeMemory:
     search: lane_nodes.TreeSearch
     words: Words
-    path: ChartPoints  # where the path is written, shape (2 * capacity, nv)
+    path: LocalPoints  # where the path is written, shape (2 * capacity, nv)
 
     @classmethod
     def build(cls, nv: int, capacity: int) -> _TreeMemory:
@@ -324,7 +324,7 @@ class _TreeMemory:
 
     @classmethod
     def of(cls, search: lane_nodes.TreeSearch) -> _TreeMemory:
-        return cls(search, pack(search), cast(ChartPoints, search.path.reshape(-1, search.nv)))
+        return cls(search, pack(search), cast(LocalPoints, search.path.reshape(-1, search.nv)))
 
     def doubled(self) -> _TreeMemory:
         larger = _TreeMemory.build(self.search.nv, 2 * self.search.capacity).search
@@ -361,7 +361,7 @@ def _thread_memory(group: PlanningGroup, nv: int) -> _ThreadMemory:
 
 
 def can_escape(
-    lanes: BatchCollision, roots: ChartPoints, clearance: float, resolution: float, rng: np.random.Generator
+    lanes: BatchCollision, roots: LocalPoints, clearance: float, resolution: float, rng: np.random.Generator
 ) -> bool:
     """Return whether any of many short motions out of some free roots (k, nv) is free; see `grow`."""
     group, along = lanes.world.group, np.eye(lanes.world.group.nv)

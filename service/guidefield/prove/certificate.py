@@ -46,13 +46,13 @@ from guidefield.prove.tables import arithmetic_error
 from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, LIMIT_TOLERANCE, Reason, Verdict, with_coal_error
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalCurves, LocalPoint, LocalPoints
 
 
 def certify_constraints(
     frames: ConstrainedFrames,
     turns: np.ndarray,
-    pieces: ChartCurves,
+    pieces: LocalCurves,
     deadline: Deadline = UNLIMITED,
     tube: np.ndarray | None = None,
 ) -> Verdict:
@@ -90,7 +90,7 @@ def certify_constraints(
     return Verdict(Reason.FREE, evaluations)
 
 
-def _beside_chord(offsets: ChartPoints) -> tuple[np.ndarray, np.ndarray]:
+def _beside_chord(offsets: LocalPoints) -> tuple[np.ndarray, np.ndarray]:
     """Return half the chord d of a curve, and a bound on how far its points are from some s d, |s| <= 1."""
     chord = 0.5 * (offsets[-1] - offsets[0])
     square = float(chord @ chord)
@@ -122,7 +122,7 @@ def _most_motion(
 
 def certify(
     world: World,
-    pieces: ChartCurves,
+    pieces: LocalCurves,
     min_clearance: float = 0.0,
     resolution: float = RESOLUTION_FLOOR,
     deadline: Deadline = UNLIMITED,
@@ -155,14 +155,14 @@ def certify(
     return certify_curve(world, Curve(pieces, knots, tube), goal, deadline).verdict
 
 
-def motion_free(world: World, z0: ChartPoint, z1: ChartPoint, min_clearance: float = 0.0) -> Verdict:
+def motion_free(world: World, z0: LocalPoint, z1: LocalPoint, min_clearance: float = 0.0) -> Verdict:
     """Certify the straight motion between two points (nv,) in local coordinates; see `certify`."""
     return certify(world, np.array([[z0, z1]]), min_clearance)
 
 
 def certify_moving(
     world: World,
-    pieces: ChartCurves,
+    pieces: LocalCurves,
     times: np.ndarray,
     min_clearance: float = 0.0,
     resolution: float = RESOLUTION_FLOOR,
@@ -188,7 +188,7 @@ def certify_curve(world: World, curve: Curve, goal: SearchQuery, deadline: Deadl
     if not np.isfinite(pieces).all():
         raise ValueError("control points have to be finite")
     if world.held_contacts:
-        begin: ChartPoint = pieces[0, 0]
+        begin: LocalPoint = pieces[0, 0]
         return without_distances(Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), world.held_contacts[0].pair, begin))
     beyond = judge_limits(world, pieces)
     if beyond is None:
@@ -199,7 +199,7 @@ def certify_curve(world: World, curve: Curve, goal: SearchQuery, deadline: Deadl
     return without_distances(replace(beyond, evaluations=verdict.evaluations) if verdict.free else verdict)
 
 
-def judge_limits(world: World, pieces: ChartCurves) -> Verdict | None:
+def judge_limits(world: World, pieces: LocalCurves) -> Verdict | None:
     """Return the refusal of the first piece on which a joint leaves its limits, where it is farthest beyond, or None.
 
     Args:
@@ -262,7 +262,7 @@ def _confirm(world: World, curve: Curve, answers: Mapping[tuple[float, int], Sma
     error = arithmetic_error(world) + SLACK + ACCURACY
     apart = [one for one in answers.values() if one.pair >= 0 and one.distance > NEARLY]
     for one, z in zip(apart, curve.at(np.array([one.time for one in apart])), strict=True):
-        world.place(world.group.expand_from_chart(z))
+        world.place(world.group.expand_from_local(z))
         put_obstacle(world, one.pair, one.time)
         off = error + with_coal_error(one.distance) - one.distance
         measured, _ = world.distance(one.pair, one.distance + 2.0 * off)  # whatever is farther contradicts it

@@ -54,7 +54,7 @@ def enclosures_at(
     Raises:
         DeadlineExpired: if the deadline passed before all are found.
     """
-    qs, found = [world.group.expand_from_chart(z) for z in curve.at(times)], list[list[int]]()
+    qs, found = [world.group.expand_from_local(z) for z in curve.at(times)], list[list[int]]()
     inside = _find_enclosed_pairs_at(world, qs, times.tolist(), since)
     while len(found) < len(qs):
         deadline.check("the motion was measured")

@@ -13,21 +13,21 @@ import numpy as np
 
 from guidefield.kernels.prove.placement import find_halves, find_ranges
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalCurves, LocalPoint, LocalPoints
 
 EXACT = 1e-13  # curves are halved until the largest excess is known to this [rad or m]
 MOST_HALVINGS = 60  # parts of 2^-60 of a curve are as good as points
 
 
-def ranges(controls: ChartCurves) -> tuple[ChartPoints, ChartPoints]:
+def ranges(controls: LocalCurves) -> tuple[LocalPoints, LocalPoints]:
     """Return the least and the largest of each curve's control points (m, k, nv) by coordinate, (m, nv) each."""
     low, high = np.empty((2, len(controls), controls.shape[2]))
     find_ranges(np.ascontiguousarray(controls), low, high)
-    return cast(ChartPoints, low), cast(ChartPoints, high)
+    return cast(LocalPoints, low), cast(LocalPoints, high)
 
 
-def polyline(path: ChartPoints) -> ChartCurves:
-    """Straight pieces between chart points, shape (n, nv), as Bezier control points, shape (n - 1, 2, nv).
+def polyline(path: LocalPoints) -> LocalCurves:
+    """Straight pieces between local coordinates, shape (n, nv), as Bezier control points, shape (n - 1, 2, nv).
 
     A single point is one piece.
     """
@@ -36,18 +36,18 @@ def polyline(path: ChartPoints) -> ChartCurves:
     return np.stack([path[:-1], path[1:]], axis=1)
 
 
-def point_on(controls: ChartPoints, parameter: float) -> ChartPoint:
+def point_on(controls: LocalPoints, parameter: float) -> LocalPoint:
     """Return the point (nv,) of a Bezier curve, control points (k, nv), at a parameter by de Casteljau's scheme."""
     row = controls
     while len(row) > 1:
         row = row[:-1] + parameter * (row[1:] - row[:-1])
-    point: ChartPoint = row[0]
+    point: LocalPoint = row[0]
     return point
 
 
-def halve_curves(controls: ChartCurves) -> ChartCurves:
+def halve_curves(controls: LocalCurves) -> LocalCurves:
     """Return both halves of each Bezier curve (n, k, nv), in order, by de Casteljau's scheme, shape (2 n, k, nv)."""
-    halves = cast(ChartCurves, np.empty((2 * len(controls), *controls.shape[1:])))
+    halves = cast(LocalCurves, np.empty((2 * len(controls), *controls.shape[1:])))
     find_halves(np.ascontiguousarray(controls), halves)
     return halves
 
@@ -66,11 +66,11 @@ def restrict_curves(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> 
     return parts
 
 
-def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
+def excesses(pieces: LocalCurves, lower: LocalPoint, upper: LocalPoint) -> tuple[np.ndarray, np.ndarray]:
     """Find by how much each coordinate of each piece is beyond its limits at most, and where.
 
     Args:
-        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
+        pieces: Bezier control points in local coordinates, shape (m, k, nv) [rad or m].
         lower: Lower limits, shape (nv,) [rad or m]; infinite where there are none.
         upper: Upper limits, likewise.
 
@@ -148,12 +148,12 @@ class Curve(ReadOnly):
     curve jump from one piece to the next.
     """
 
-    pieces: ChartCurves  # control points, shape (m, k, nv) [rad or m]
+    pieces: LocalCurves  # control points, shape (m, k, nv) [rad or m]
     times: np.ndarray  # begin of each, and the end of the last one, shape (m + 1,) [s]; pieces may take no time
     tube: np.ndarray | None = None  # half widths about each piece, shape (m, nv) [rad or m]; None: there is none
 
     @property
-    def box(self) -> tuple[ChartPoint, ChartPoint]:
+    def box(self) -> tuple[LocalPoint, LocalPoint]:
         """Lower and upper corner of a box about it and its tube, each of shape (nv,) [rad or m]."""
         low, high = self.pieces.min(axis=1), self.pieces.max(axis=1)
         if self.tube is not None:
@@ -169,16 +169,16 @@ class Curve(ReadOnly):
         """Return its first `count` pieces."""
         return Curve(self.pieces[:count], self.times[: count + 1], None if self.tube is None else self.tube[:count])
 
-    def at(self, times: np.ndarray) -> ChartPoints:
+    def at(self, times: np.ndarray) -> LocalPoints:
         """Return the points at times (n,), shape (n, nv) [rad or m]."""
         piece, share = find_pieces(self.times, times)
         row, at = self.pieces[piece], share[:, None, None]
         while row.shape[1] > 1:
             row = row[:, :-1] + at * (row[:, 1:] - row[:, :-1])
-        points: ChartPoints = row[:, 0]
+        points: LocalPoints = row[:, 0]
         return points
 
-    def point(self, piece: int, parameter: float) -> ChartPoint:
+    def point(self, piece: int, parameter: float) -> LocalPoint:
         """Return the point (nv,) of a piece at a parameter from 0 to 1."""
         return point_on(self.pieces[piece], parameter)
 

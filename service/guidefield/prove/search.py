@@ -312,7 +312,7 @@ class _MotionSearch:
 
     def _place_pair(self, pair: int, parameter: float) -> None:
         world = self._world
-        world.place(world.group.expand_from_chart(self._curve.point(*self._find_piece(parameter))))
+        world.place(world.group.expand_from_local(self._curve.point(*self._find_piece(parameter))))
         if self._in_time:
             put_obstacle(world, pair, self._time_at(parameter))
 

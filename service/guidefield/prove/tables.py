@@ -26,7 +26,7 @@ from guidefield.prove.curve import Curve
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.scene.movers import motion_of, movers
 from guidefield.scene.obstacle_message import points_in
 from guidefield.scene.scene import Scene, build, unplaced
@@ -186,13 +186,13 @@ def with_passing_speeds(world: World, curve: Curve, made: MovingObstacles) -> Mo
     return made._replace(speeds=speeds)
 
 
-def robot_ball(world: World, low: ChartPoint, high: ChartPoint) -> tuple[np.ndarray, float]:
-    """Return a ball about the bodies that are tested against obstacles, anywhere between chart corners (nv,).
+def robot_ball(world: World, low: LocalPoint, high: LocalPoint) -> tuple[np.ndarray, float]:
+    """Return a ball about the bodies that are tested against obstacles, anywhere between corners (nv,).
 
     Centre (3,) and radius [m, world]. The robot is placed anew.
     """
     group, about, moving = world.group, world.bodies, world.pairs.moving
-    q = group.expand_from_chart(0.5 * (low + high))
+    q = group.expand_from_local(0.5 * (low + high))
     jacobian = pin.computeJointJacobians(world.model, world.data, q).reshape(6, -1)
     centres = about.centres_in_world(world.joint_placements[None])
     _, reach = world.motion_bound.at(jacobian[None], centres, 0.5 * (high - low)[None])

@@ -18,7 +18,7 @@ import numpy as np
 from guidefield.collision.pairs import PairNames
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 
 _D = TypeVar("_D", float, np.ndarray)
 
@@ -79,7 +79,7 @@ class Verdict(ReadOnly):
     free_until: tuple[int, float] | None = None
     # names of the pair that was refused; None if free, or where no single pair is to blame
     pair: PairNames | None = None
-    chart_point: ChartPoint | None = None  # the place that was judged, shape (nv,); None if free
+    local_point: LocalPoint | None = None  # the place that was judged, shape (nv,); None if free
     # the joint that is beyond its limits, and its value there; None unless that is the reason
     beyond: LimitFault | None = None
 

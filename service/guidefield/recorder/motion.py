@@ -26,11 +26,11 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
 from guidefield.robot.model.joints import (
-    ChartPoints,
-    ChartRates,
     Configuration,
     Configurations,
     JointKind,
+    LocalPoints,
+    LocalRates,
     ModelConfigurations,
     Tangents,
     WireColumns,
@@ -98,7 +98,7 @@ def configurations_of(group: PlanningGroup, rows: Sequence[Sequence[float]]) -> 
 
 def position_rows(group: PlanningGroup, configurations: Configurations) -> WireColumns:
     """Return the wire's position columns (n, k) of configurations (n, nq) in order, angles unwrapped."""
-    return np.array(group.wire_rows(group.chart_path(list(configurations))))
+    return np.array(group.wire_rows(group.local_path(list(configurations))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +116,8 @@ def curves(group: PlanningGroup, trajectory: messages.Trajectory) -> Curves:
     knots = Curves(*(np.array(getattr(trajectory, name)) for name in trajectory.__struct_fields__))
     if not group.is_euclidean:
         return knots
-    # the columns are the chart's coordinates, and the tangents are their rates
-    curve = Trajectory(knots.times, cast(ChartPoints, knots.positions), cast(ChartRates, knots.velocities))
+    # the columns are the local coordinates, and the tangents are their rates
+    curve = Trajectory(knots.times, cast(LocalPoints, knots.positions), cast(LocalRates, knots.velocities))
     times = _shown_times(curve.times)
     positions, velocities, accelerations = curve.evaluate(times)
     columns = cast(WireColumns, positions)
@@ -162,12 +162,12 @@ def _shown_times(knots: np.ndarray) -> np.ndarray:
 
 def _untimed(group: PlanningGroup, path: Sequence[Sequence[float]]) -> ShownMotion:
     """Sample a path of position rows evenly, to be shown at an even speed."""
-    rows = group.chart_path(list(configurations_of(group, path)))
+    rows = group.local_path(list(configurations_of(group, path)))
     lengths = np.abs(np.diff(rows, axis=0)).max(axis=1, initial=0.0)
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
     shown = np.linspace(0.0, arc[-1], 1 + int(np.ceil(arc[-1] / SHOWN_STEP)))
     filled = np.column_stack([np.interp(shown, arc, column) for column in rows.T])
-    return ShownMotion(shown / SHOWN_SPEED, np.array([group.from_chart(row) for row in filled]), timed=False)
+    return ShownMotion(shown / SHOWN_SPEED, np.array([group.from_local(row) for row in filled]), timed=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ from guidefield.recorder.motion import (
 from guidefield.recorder.stored import RecordingPlace, shared_scene
 from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRates, Configuration, Configurations
+from guidefield.robot.model.joints import Configuration, Configurations, LocalPoint, LocalPoints, LocalRates
 
 MOST_FRAMES = 60  # maximum number of steps at which the robot is shown, evenly chosen
 STEP_COLORS = {
@@ -151,7 +151,7 @@ def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Ite
         yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns)
 
 
-def tree_edges(group: PlanningGroup, points: ChartPoints, parents: np.ndarray) -> np.ndarray:
+def tree_edges(group: PlanningGroup, points: LocalPoints, parents: np.ndarray) -> np.ndarray:
     """Return the tip at both ends of the edges among a tree's first `MAX_NODES` nodes, (edges, 2, 3) [m, world]."""
     tips = _tips(group, points[:MAX_NODES])  # a parent comes before its children
     children = np.flatnonzero(parents[:MAX_NODES] >= 0)
@@ -177,7 +177,7 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
     yield timed("/planner/relaxed", [times], columns)
 
 
-def _tips(group: PlanningGroup, points: ChartPoints) -> np.ndarray:
+def _tips(group: PlanningGroup, points: LocalPoints) -> np.ndarray:
     tip: np.ndarray = placed_links(group, group.expand_each(points), (group.tip,))[:, 0, :3]
     return tip
 
@@ -363,7 +363,7 @@ def _lay_over(group: PlanningGroup, given: SubmittedMotion, planned: SubmittedMo
     here, there = (
         np.array(one.scheduled.evaluate(np.clip(times, *one.scheduled.times[[0, -1]]))[0]) for one in (given, planned)
     )
-    tip = poses(group, [group.from_chart(cast(ChartPoint, z)) for z in there]).tip
+    tip = poses(group, [group.from_local(cast(LocalPoint, z)) for z in there]).tip
     yield still("/path/to_follow", rr.LineStrips3D([tip], colors=[WAYPOINT_COLOR], radii=[0.003 * group.size]))
     yield from _curves("/plots/deviation", path_times(times), here - there, names, _palette(len(names)))
 
@@ -448,7 +448,7 @@ def _knots(group: PlanningGroup, given: SubmittedMotion) -> Trajectory | None:
     rises = given.accelerations
     if given.quintic is None or rises is None:
         begins, ends = piece_accelerations(given.times, given.positions, given.velocities)
-        rises = cast(ChartRates, np.concatenate([begins, ends[-1:]]))
+        rises = cast(LocalRates, np.concatenate([begins, ends[-1:]]))
     return Trajectory(
         times=given.times.tolist(),
         positions=given.positions.tolist(),

@@ -67,7 +67,7 @@ class Constraint:
 class Case:
     """A motion of a robot among obstacles, and what it is said to keep.
 
-    The chart of the model has `model.nv` numbers, joint by joint in Pinocchio's order: a joint's value or unwrapped
+    The model has `model.nv` local coordinates, joint by joint in Pinocchio's order: a joint's value or unwrapped
     angle; x, y and angle of a planar joint; position and rotation vector of a floating one. At a motion's columns z it
     is ``spread @ z + offset``: so mimic joints follow, and joints without a column stand still.
     """
@@ -75,13 +75,13 @@ class Case:
     model: Any  # pinocchio's model; a ball joint is a floating one that stays where it is
     spread: np.ndarray  # shape (model.nv, n)
     offset: np.ndarray  # shape (model.nv,)
-    # which numbers of the chart are angles or rotation vectors of joints of several freedoms, (model.nv,)
+    # which local coordinates are angles or rotation vectors of joints of several freedoms, (model.nv,)
     turning: np.ndarray
     # where `turning`, the rotation vector of the orientation from which others count, shape (model.nv,)
     turned: np.ndarray
     bodies: Sequence[Body]  # the robot's, then obstacles
     constraints: Sequence[Constraint]  # along the path
-    rows: Sequence[str]  # the joint that each number of the model's chart is about
+    rows: Sequence[str]  # the joint that each local coordinate of the model is about
     columns: Sequence[str]  # the joint that each of the motion's columns is about
     times: np.ndarray | None  # of the knots, shape (k,) [s]; None of a path
     positions: np.ndarray  # shape (k, n) [rad or m]
@@ -89,7 +89,7 @@ class Case:
     accelerations: np.ndarray | None  # shape (k, n) [rad/s² or m/s²]; None: it is cubic, or straight
     steps: bool  # whether each column may be anywhere between both knots' values, instead of on the drawn motion
     tolerance: np.ndarray  # how far each column may be beside that, shape (n,) [rad or m]
-    lower: np.ndarray  # least values of the model's chart, shape (model.nv,); infinite where there is no limit
+    lower: np.ndarray  # least local coordinates of the model, shape (model.nv,); infinite where there is no limit
     upper: np.ndarray  # largest values, shape (model.nv,)
     # largest velocity, acceleration and jerk of each column of z, shape (3, n); infinite where there is none
     rates: np.ndarray
@@ -200,7 +200,7 @@ def beyond_limit(case: Case) -> Finding | None:
 
 def _first_excess(case: Case, start: float, k: int, s: np.ndarray, over: list[np.ndarray]) -> Finding:
     """Return the first of the excesses on a piece that begins at a time, at that time the largest of the first kind."""
-    moves = np.abs(case.spread).argmax(axis=1)  # the column that each number of the model's chart depends on
+    moves = np.abs(case.spread).argmax(axis=1)  # the column that each local coordinate depends on
     times = [s[:, k, moves], *[s[:, k]] * 3]
     found = [
         (float(times[kind][at, of]), kind, -float(one[at, k, of]), int(of))

@@ -105,7 +105,7 @@ def _case(told: Fields, meshes: Meshes) -> Case:
     if any(told.get("anchor", ())):
         told = _move_to_anchor(told, np.array(told["anchor"], float))
     model, geometry, laws = _robot(told["robot"], meshes)
-    spread, offset, turning, turned, columns = _chart(model, told, laws)
+    spread, offset, turning, turned, columns = _local(model, told, laws)
     motion = _motion(told["motion"], len(columns))
     lower, upper, unlimited = _position_limits(model, spread, told.get("without_limits", ()))
     unknown = ["obstacles that move, along a path without times"] if motion["times"] is None and _moves(told) else []
@@ -271,7 +271,7 @@ def _tilt(model: Any, geometry: Any, index: int, normal: np.ndarray) -> None:
             one.placement = tilt.inverse() * one.placement
 
 
-def _chart(model: Any, told: Fields, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
+def _local(model: Any, told: Fields, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
     """Return `spread`, `offset`, `turning`, `turned` and `columns` of a case."""
     balls, planned, reference = told["robot"].get("ball_joints", ()), told["motion"]["joints"], told["reference"]
     joints = {name: model.joints[i] for i, name in enumerate(model.names) if i}

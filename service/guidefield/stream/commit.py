@@ -46,7 +46,7 @@ from guidefield.prove.search import EVERY_KIND, RESOLUTION_FLOOR, TOLERANCE
 from guidefield.prove.tables import ARITHMETIC, body_pairs, robot_bodies, rounding_of
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import lent_data
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views, solid_parts
 
@@ -71,13 +71,13 @@ class Commit(ReadOnly):
     # of each coordinate, shape (nv, k, 5), times from `begins`, as in kernels/stream/phases.py
     phases: np.ndarray
     counts: np.ndarray  # number of phases of each coordinate, shape (nv,)
-    ends: ChartPoint  # configuration in which the robot stands in the end, shape (nv,)
+    ends: LocalPoint  # configuration in which the robot stands in the end, shape (nv,)
     follows: int = 0  # number of the commit that it follows
     goal: int = 0  # number of its goal
     at_goal: bool = False  # whether it ends there
 
     @classmethod
-    def standing(cls, z: ChartPoint, time: float, number: int = 0, goal: int = 0) -> Commit:
+    def standing(cls, z: LocalPoint, time: float, number: int = 0, goal: int = 0) -> Commit:
         """Standing at coordinates z, shape (nv,), since a time [s]."""
         phases = np.zeros((len(z), MOST_PHASES, 5))
         phases[:, 0, 1] = z
@@ -202,7 +202,7 @@ def plan_commit(
         state, velocities, goals, bounds.lower + room, bounds.upper - room, piece, bounds.rates * (1.0 - within),
         phases, counts, ends,
     )  # fmt: skip
-    return Commit(-1, begins, begins + piece, begins + max(stops, piece), state, phases, counts, cast(ChartPoint, ends))
+    return Commit(-1, begins, begins + piece, begins + max(stops, piece), state, phases, counts, cast(LocalPoint, ends))
 
 
 UNHALVED = 1e12  # an accuracy that any bound has: if that is within a limit, no closer one is searched for
@@ -359,7 +359,7 @@ class Judge:
         if not seen.closed:
             return -1
         moving, count = self._pairs.moving, len(seen.bodies.roots)
-        pin.forwardKinematics(self._group.model, self._data, self._group.expand_from_chart(commit.ends))
+        pin.forwardKinematics(self._group.model, self._data, self._group.expand_from_local(commit.ends))
         places = [self._data.oMi[joint] for joint in self._robot.carriers[moving].tolist()]
         points = np.array([place.act(point) for place, point in zip(places, self._inside[moving], strict=True)])
         for obstacle, solid, at_rest in seen.closed:

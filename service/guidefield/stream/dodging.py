@@ -17,7 +17,7 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.kernels.collide.parts import BALL_ROW
 from guidefield.kernels.stream.dodge import KeptClearances, Tube, find_schedule
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalPoint, LocalPoints
 from guidefield.stream.obstacles import DriftingObstacles
 from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views
@@ -30,7 +30,7 @@ class PathTarget(ReadOnly):
     direction: np.ndarray  # from the configuration in which the robot could stand, shape (nv,)
     place: float  # place on the path next to that, in time at full speed [s]
     # the target, if it is not to be passed: the path's end, or a place to wait at, shape (nv,); else None
-    last: ChartPoint | None
+    last: LocalPoint | None
     left: float  # the rest of the path, in time at full speed [s]
 
 
@@ -46,16 +46,16 @@ class TimedPath:
         begins: Place of each point along the path [s], shape (m,).
     """
 
-    def __init__(self, points: ChartPoints, speeds: np.ndarray, times: np.ndarray | None = None) -> None:
+    def __init__(self, points: LocalPoints, speeds: np.ndarray, times: np.ndarray | None = None) -> None:
         self.points, self.speeds = points, speeds
         self.times = np.full(len(points), -np.inf) if times is None else times
         lengths = np.abs(np.diff(points, axis=0) / speeds).max(axis=1)
         self.begins = np.concatenate([[0.0], np.cumsum(lengths)])
 
     @property
-    def goal(self) -> ChartPoint:
+    def goal(self) -> LocalPoint:
         """Its end, shape (nv,)."""
-        end: ChartPoint = self.points[-1]
+        end: LocalPoint = self.points[-1]
         return end
 
     @property
@@ -63,14 +63,14 @@ class TimedPath:
         """Its length [s]."""
         return float(self.begins[-1])
 
-    def at(self, place: float) -> ChartPoint:
+    def at(self, place: float) -> LocalPoint:
         """The point (nv,) at a place [s]; the goal itself, to the last bit, at the end."""
         if place >= self.length:
             return self.goal
         index = int(np.clip(np.searchsorted(self.begins, place, side="right") - 1, 0, len(self.points) - 2))
         span = self.begins[index + 1] - self.begins[index]
         share = min(1.0, (place - self.begins[index]) / span) if span > 0.0 else 1.0
-        point: ChartPoint = self.points[index] + share * (self.points[index + 1] - self.points[index])
+        point: LocalPoint = self.points[index] + share * (self.points[index + 1] - self.points[index])
         return point
 
     def due(self, time: float) -> float:
@@ -83,7 +83,7 @@ class TimedPath:
         share = (time - self.times[k - 1]) / (self.times[k] - self.times[k - 1])
         return float(self.begins[k - 1] + share * (self.begins[k] - self.begins[k - 1]))
 
-    def aim(self, stand: ChartPoint, since: float, ahead: float, due: float = np.inf) -> PathTarget:
+    def aim(self, stand: LocalPoint, since: float, ahead: float, due: float = np.inf) -> PathTarget:
         """Choose the next target.
 
         Args:
@@ -101,12 +101,12 @@ class TimedPath:
         target = self.goal if last else self.at(beyond)
         return PathTarget(target - stand, place, self.goal if last else None, self.length - place)
 
-    def rest(self, stand: ChartPoint, place: float, until: float = np.inf) -> ChartPoints:
+    def rest(self, stand: LocalPoint, place: float, until: float = np.inf) -> LocalPoints:
         """From where the robot could stand, shape (nv,), along the path from a place to another one [s], (k, nv)."""
         inner = self.points[(self.begins > place) & (self.begins < until)]
         return np.concatenate([stand[None], inner, self.at(min(until, self.length))[None]])
 
-    def nearest(self, z: ChartPoint, since: float, until: float) -> float:
+    def nearest(self, z: LocalPoint, since: float, until: float) -> float:
         """The place [s] of a stretch of the path that is nearest to a point (nv,)."""
         first = int(np.clip(np.searchsorted(self.begins, since, side="right") - 1, 0, len(self.points) - 2))
         last = max(first + 1, int(np.searchsorted(self.begins, min(until, self.length), side="left")))
@@ -124,18 +124,18 @@ class TimedPath:
 PROBE_STEP = 4e-3  # step of a coordinate for the differences of `pressure_slope` [rad, or m at size 1]
 
 
-def measure_pressures(lanes: BatchCollision, boxes: np.ndarray, zs: ChartPoints, near: float) -> np.ndarray:
-    """Half the squares of what boxes (k, 16) lack of a distance `near`, summed, at chart points (n, nv): (n,) [m²]."""
+def measure_pressures(lanes: BatchCollision, boxes: np.ndarray, zs: LocalPoints, near: float) -> np.ndarray:
+    """Half the squares of what boxes (k, 16) lack of a distance `near`, summed, at points (n, nv): (n,) [m²]."""
     lacks = np.maximum(near - lanes.gaps(boxes, zs, near), 0.0)
     surrounding: np.ndarray = 0.5 * (lacks * lacks).sum(axis=1)
     return surrounding
 
 
-def pressure_slope(lanes: BatchCollision, boxes: np.ndarray, z: ChartPoint, near: float) -> np.ndarray:
-    """The gradient of the pressure at a chart point (nv,), shape (nv,): by differences, as distances have edges."""
+def pressure_slope(lanes: BatchCollision, boxes: np.ndarray, z: LocalPoint, near: float) -> np.ndarray:
+    """The gradient of the pressure at local coordinates (nv,), shape (nv,): by differences, as distances have edges."""
     steps = PROBE_STEP * lanes.world.group.sizes
     probes = np.concatenate([z + np.diag(steps), z - np.diag(steps)])
-    above, below = measure_pressures(lanes, boxes, cast(ChartPoints, probes), near).reshape(2, -1)
+    above, below = measure_pressures(lanes, boxes, cast(LocalPoints, probes), near).reshape(2, -1)
     slope: np.ndarray = (above - below) / (2.0 * steps)
     return slope
 
@@ -162,7 +162,7 @@ class ScheduledPath(ReadOnly):
     """A path with times among what moves."""
 
     cost: float  # the time of arrival, and `STREAM.dear` times the distances that are too small along it [s]
-    points: ChartPoints  # shape (m, nv), m > 1
+    points: LocalPoints  # shape (m, nv), m > 1
     times: np.ndarray  # time at each point, since its beginning [s], shape (m,)
 
 
@@ -190,18 +190,18 @@ def choose_sides(lanes: BatchCollision, drifting: DriftingObstacles, way: TimedP
 
 
 def build_tube(
-    way: TimedPath, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[ChartPoints], np.ndarray], foreseen: int
+    way: TimedPath, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[LocalPoints], np.ndarray], foreseen: int
 ) -> Tube:
     """The tube about a path with sides (d, nv), for a given number of steps.
 
-    `taken` says of chart points (n, nv) whether the robot can't be there, (n,).
+    `taken` says of local coordinates (n, nv) whether the robot can't be there, (n,).
     """
     places = [way.at(min(STREAM.step * k, way.length)) for k in range(math.ceil(way.length / STREAM.step) + 1)]
     places.extend([way.goal] * STREAM.stays)
-    rows: ChartPoints = np.array(places)
+    rows: LocalPoints = np.array(places)
     steps = np.arange(1, STREAM.levels + 1)
     offsets = (sides[:, None] * steps[:, None]).reshape(-1, rows.shape[1])
-    beside = cast(ChartPoints, (rows[: foreseen + 1, None] + offsets).reshape(-1, rows.shape[1]))
+    beside = cast(LocalPoints, (rows[: foreseen + 1, None] + offsets).reshape(-1, rows.shape[1]))
     blocked = np.zeros((len(rows), 1 + len(sides) * STREAM.levels), np.int64)
     blocked[: foreseen + 1, 1:] = taken(beside).reshape(-1, blocked.shape[1] - 1)
     return read_only_views(Tube(rows, sides, blocked, speeds, STREAM.step, STREAM.stays))
@@ -228,7 +228,7 @@ def schedule_path(
     return ScheduledPath(float(cost), points, times)
 
 
-def _along(way: TimedPath, tube: Tube, steps: ChartPoints, reached: np.ndarray) -> tuple[ChartPoints, np.ndarray]:
+def _along(way: TimedPath, tube: Tube, steps: LocalPoints, reached: np.ndarray) -> tuple[LocalPoints, np.ndarray]:
     """The points and times of a schedule, with the corners of the path between them: straight past them isn't free."""
     places, columns = np.divmod(reached, tube.taken.shape[1])
     at = np.minimum(tube.step * places, way.length)
@@ -249,4 +249,4 @@ def _along(way: TimedPath, tube: Tube, steps: ChartPoints, reached: np.ndarray) 
     ahead = way.begins > since
     points.append(way.points[ahead])
     times.append(now + way.begins[ahead] - since)
-    return cast(ChartPoints, np.concatenate(points)), np.concatenate(times)
+    return cast(LocalPoints, np.concatenate(points)), np.concatenate(times)

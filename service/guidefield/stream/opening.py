@@ -22,7 +22,7 @@ from guidefield.planner.task.motion_limits import CartesianLimit
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import limit_faults
-from guidefield.robot.model.joints import ChartPoint, ModelConfiguration
+from guidefield.robot.model.joints import LocalPoint, ModelConfiguration
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import JointBounds
@@ -39,7 +39,7 @@ class StreamSetup:
     world: World
     bounds: JointBounds
     cartesian_limits: tuple[CartesianLimit, ...]
-    start: ChartPoint  # the configuration in which it stands, shape (nv,)
+    start: LocalPoint  # the configuration in which it stands, shape (nv,)
     assumption: Assumption
     warnings: tuple[str, ...]
     touching: tuple[str, ...]  # a sentence for each pair in contact at the start, among the warnings too
@@ -123,7 +123,7 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
         world=world,
         bounds=bounds,
         cartesian_limits=cartesian_limits_of(request, group),
-        start=cast(ChartPoint, group.chart(q_start) + turns),
+        start=cast(LocalPoint, group.to_local(q_start) + turns),
         assumption=Assumption(deviation, request.min_clearance, request.clock_error),
         warnings=(*robot.warnings, *scene.warnings, *coarse, *warnings, *touching),
         touching=touching,

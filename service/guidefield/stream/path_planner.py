@@ -39,7 +39,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.model.configuration import CLAMP_TOLERANCE, configuration_from_wire, limit_faults
-from guidefield.robot.model.joints import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalPoint, LocalPoints
 from guidefield.stream.commit import JointBounds
 from guidefield.stream.dodging import ScheduledPath, TimedPath, build_tube, choose_sides, draw_sides, schedule_path
 from guidefield.stream.obstacles import DriftingObstacles
@@ -72,19 +72,19 @@ class PathPlanner:
         self._least, self._tolerance = least, tolerance
         self.size = group.size
 
-    def gaps(self, boxes: np.ndarray, z: ChartPoint) -> np.ndarray:
+    def gaps(self, boxes: np.ndarray, z: LocalPoint) -> np.ndarray:
         """Distances from boxes (k, 16) at coordinates z (nv,), shape (k,) [m], less `INSIDE`: these can be kept."""
         kept: np.ndarray = self.lanes.gaps(boxes, z[None], FAR * self.size)[0] - INSIDE * self.size
         return kept
 
-    def is_goal_free(self, drifting: DriftingObstacles, z: ChartPoint) -> bool:
+    def is_goal_free(self, drifting: DriftingObstacles, z: LocalPoint) -> bool:
         """Return whether coordinates (nv,) keep `STREAM.ending` from what moves, now and in `STREAM.foreseen`."""
         kept = STREAM.ending.from_each(drifting.rates, self.size) + drifting.margins
         most = max(FAR * self.size, float(kept.max(initial=0.0)) + INSIDE * self.size)
         soon = (drifting.boxes, drifting.after(STREAM.foreseen))
         return all(bool((self.lanes.gaps(boxes, z[None], most) >= kept).all()) for boxes in soon)
 
-    def choose_clearance(self, most: float, ends: list[ChartPoint]) -> float:
+    def choose_clearance(self, most: float, ends: list[LocalPoint]) -> float:
         """Choose the distance from obstacles at rest [m]: `most` beyond the least; less if an end (nv,) is closer.
 
         The bound of the robot's deviation there is kept as well, unless an end is closer than that.
@@ -94,12 +94,12 @@ class PathPlanner:
         kept = [self._least + one for one in beyond]
         return next((one for one in kept if not self.lanes.touching(zs, one).any()), kept[-1])
 
-    def bound_error(self, ends: list[ChartPoint]) -> float:
+    def bound_error(self, ends: list[LocalPoint]) -> float:
         """Bound the deviation of any point of the robot at some configurations (nv,) [m]."""
         group, data, tolerances = self._group, self._data, np.full((1, len(ends[0])), self._tolerance)
         most = 0.0
         for z in ends:
-            jacobian = pin.computeJointJacobians(group.model, data, group.expand_from_chart(z)).reshape(6, -1)
+            jacobian = pin.computeJointJacobians(group.model, data, group.expand_from_local(z)).reshape(6, -1)
             centres = self._bodies.centres_in_world(joint_placements(data)[None])
             most = max(most, float(self._bound.at(jacobian[None], centres, tolerances)[1].max(initial=0.0)))
         return most
@@ -109,28 +109,28 @@ class PathPlanner:
         """The distance that goals keep from obstacles at rest [m]."""
         return self._least + STREAM.resting * self.size
 
-    def find_free(self, zs: ChartPoints) -> np.ndarray:
-        """Return which chart points (n, nv) keep `kept_at_goals`, and are free of self-contact, shape (n,)."""
+    def find_free(self, zs: LocalPoints) -> np.ndarray:
+        """Return which local coordinates (n, nv) keep `kept_at_goals`, and are free of self-contact, shape (n,)."""
         return ~self.lanes.touching(zs, self.kept_at_goals)
 
-    def count_kept(self, z: ChartPoint) -> int:
+    def count_kept(self, z: LocalPoint) -> int:
         """Count the distances of `STREAM.leaving` that are kept at coordinates z (nv,), also from the robot itself."""
         kept = [self._least + one * self.size for one in STREAM.leaving]
         return next((k for k, one in enumerate(kept) if self.lanes.touching(z[None], one).any()), len(kept))
 
-    def is_free(self, drifting: DriftingObstacles, kept: ClearanceRule, clearance: float, points: ChartPoints) -> bool:
+    def is_free(self, drifting: DriftingObstacles, kept: ClearanceRule, clearance: float, points: LocalPoints) -> bool:
         """Return whether a path (m, nv), straight from point to point, is free, by a clearance from what rests [m]."""
         lanes = self._among(drifting, kept, points[0], points[-1])
         return lanes.free_until(points, STREAM.resolution, clearance) == len(points) - 1
 
     def find_path(
-        self, drifting: DriftingObstacles, kept: ClearanceRule, z0: ChartPoint, z1: ChartPoint, seed: int
-    ) -> ChartPoints | None:
+        self, drifting: DriftingObstacles, kept: ClearanceRule, z0: LocalPoint, z1: LocalPoint, seed: int
+    ) -> LocalPoints | None:
         """A path from z0 to z1, each (nv,), shape (m, nv), by trees and short cuts; None: none was found.
 
         Where a joint turns without end the path may end whole turns from z1.
         """
-        ends, straight = [z0, z1], cast(ChartPoints, np.array([z0, z1]))
+        ends, straight = [z0, z1], cast(LocalPoints, np.array([z0, z1]))
         lanes, clearance = self._among(drifting, kept, z0, z1), self.choose_clearance(STREAM.resting, ends)
         if lanes.free_until(straight, STREAM.resolution, clearance):
             return straight
@@ -144,7 +144,7 @@ class PathPlanner:
         way[0], way[-1] = z0, self._group.unwrapped(z1, way[-1])
         return way
 
-    def schedule(self, drifting: DriftingObstacles, points: ChartPoints) -> ScheduledPath:
+    def schedule(self, drifting: DriftingObstacles, points: LocalPoints) -> ScheduledPath:
         """Schedule a path (m, nv) among what moves, on it or beside it; with its cost."""
         way = TimedPath(points, self._speeds)
         if way.length == 0.0 or not len(drifting.boxes):
@@ -152,7 +152,7 @@ class PathPlanner:
         ends = [points[0], points[-1]]
         clearance = self.choose_clearance(STREAM.resting, ends)
 
-        def is_taken(zs: ChartPoints) -> np.ndarray:
+        def is_taken(zs: LocalPoints) -> np.ndarray:
             out = np.any((zs < self._lower) | (zs > self._upper), axis=1)
             return np.asarray(out | self.lanes.touching(zs, clearance))
 
@@ -164,7 +164,7 @@ class PathPlanner:
         return schedule_path(self.lanes, drifting, kept, tube, way, foreseen)
 
     def _among(
-        self, drifting: DriftingObstacles, kept: ClearanceRule, z0: ChartPoint, z1: ChartPoint
+        self, drifting: DriftingObstacles, kept: ClearanceRule, z0: LocalPoint, z1: LocalPoint
     ) -> BatchCollision:
         """The robot among what rests, and what moves, on paths between two points (nv,)."""
         if not len(drifting.boxes):
@@ -201,7 +201,7 @@ class PathOrder:
     """A path that is being planned."""
 
     due: float  # the time at which it is taken over, by the client's clock [s]
-    goal: ChartPoint  # its end, shape (nv,)
+    goal: LocalPoint  # its end, shape (nv,)
     found: Future[PlannedPath]
 
 
@@ -223,10 +223,10 @@ class BackgroundPlanner:
     def order(
         self,
         due: float,
-        z0: ChartPoint,
-        z1: ChartPoint,
+        z0: LocalPoint,
+        z1: LocalPoint,
         drifting: DriftingObstacles,
-        followed: ChartPoints | None,
+        followed: LocalPoints | None,
         rng: np.random.Generator,
     ) -> PathOrder:
         """Have a path from z0 to z1 (nv,) planned, due at a time [s], that costs less than the rest of one."""
@@ -238,11 +238,11 @@ class BackgroundPlanner:
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     def _plan(
-        self, z0: ChartPoint, z1: ChartPoint, drifting: DriftingObstacles, followed: ChartPoints | None, seed: int
+        self, z0: LocalPoint, z1: LocalPoint, drifting: DriftingObstacles, followed: LocalPoints | None, seed: int
     ) -> PlannedPath:
         paths = self._paths
         straight = np.array([z0, z1])
-        found: list[ChartPoints] = []
+        found: list[LocalPoints] = []
         for kept in STREAM.kept:
             way = paths.find_path(drifting, kept, z0, z1, seed)
             if way is None:
@@ -268,8 +268,8 @@ def lower_priority(niceness: int = YIELDING) -> None:
 
 
 def find_goals(
-    goal: StreamGoal, group: PlanningGroup, paths: PathPlanner, near: ChartPoint, rng: np.random.Generator
-) -> ChartPoints:
+    goal: StreamGoal, group: PlanningGroup, paths: PathPlanner, near: LocalPoint, rng: np.random.Generator
+) -> LocalPoints:
     """The configurations that a goal means, free of what rests and of themselves, shape (k, nv).
 
     Args:
@@ -287,7 +287,7 @@ def find_goals(
     zs = np.array([_configuration(goal, index, group, near) for index in range(len(given))])
     within = ((zs >= group.lower - CLAMP_TOLERANCE) & (zs <= group.upper + CLAMP_TOLERANCE)).all(axis=1)
     if not within.any():
-        q = group.from_chart(zs[0])
+        q = group.from_local(zs[0])
         fault = limit_faults(group.joints, q)[0]
         raise InvalidGoal(
             f"the goal has {fault.joint} at {fault.value:.6g}, its limits are {fault.lower:.6g} and {fault.upper:.6g}",
@@ -299,10 +299,10 @@ def find_goals(
     if not free.any():
         kept = f"{1000.0 * paths.kept_at_goals:.3g} mm"
         raise InvalidGoal(f"the goal touches the scene or the robot itself, or is closer to the scene than {kept}")
-    return cast(ChartPoints, zs[free])
+    return cast(LocalPoints, zs[free])
 
 
-def _configuration(goal: JointsGoal | JointSetGoal, index: int, group: PlanningGroup, near: ChartPoint) -> ChartPoint:
+def _configuration(goal: JointsGoal | JointSetGoal, index: int, group: PlanningGroup, near: LocalPoint) -> LocalPoint:
     positions = goal.positions[index] if isinstance(goal, JointSetGoal) else goal.positions
     planned = {joint.name for joint in group.joints}
     for name in positions:
@@ -314,7 +314,7 @@ def _configuration(goal: JointsGoal | JointSetGoal, index: int, group: PlanningG
             )
     with at_path(f"$.goal.positions[{index}]" if isinstance(goal, JointSetGoal) else "$.goal.positions"):
         q = configuration_from_wire(group.robot, positions, base=group.q_reference, error=InvalidGoal)
-    return group.unwrapped(group.chart(group.part_of(q)), near)
+    return group.unwrapped(group.to_local(group.part_of(q)), near)
 
 
 class TakeOver(Protocol):

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from guidefield.messages.streams import Reason, StreamOpen
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.stream.commit import (
     Commit,
     CommitReason,
@@ -91,7 +91,7 @@ class PieceFinder:
             pursuit.refused = 0 if found is not None else pursuit.refused + 1
         return found
 
-    def _make_commit(self, cycle: Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
+    def _make_commit(self, cycle: Cycle, state: np.ndarray, velocities: np.ndarray, last: LocalPoint | None) -> Commit:
         """The commit of a piece from a state (nv, 3) towards velocities (nv,), or lower ones for limits in space."""
         goals, slowed = np.full(self._group.nv, np.inf) if last is None else last, 0
         while True:
@@ -138,7 +138,7 @@ class PieceFinder:
             cycle.reason = "no_way"
         return None
 
-    def _is_threatened(self, cycle: Cycle, end: ChartPoint, way: TimedPath, place: float, share: float) -> bool:
+    def _is_threatened(self, cycle: Cycle, end: LocalPoint, way: TimedPath, place: float, share: float) -> bool:
         """Return whether what is foreseen comes close to a piece's end (nv,), and to where the path leads by then.
 
         The piece ends at a place of the path [s].
@@ -210,7 +210,7 @@ class PieceFinder:
         come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
         return gone + come < asked.appear_distance
 
-    def _update_way(self, cycle: Cycle, pursuit: Pursuit, stand: ChartPoint) -> TimedPath:
+    def _update_way(self, cycle: Cycle, pursuit: Pursuit, stand: LocalPoint) -> TimedPath:
         """The path to follow; takes a planned one over, and orders the next one, if it is time."""
         state, goal = cycle.state, self._choose_goal(cycle, pursuit, stand)
         if (ordered := state.ordered) is not None and self._taking.takes(ordered, cycle.now):
@@ -227,7 +227,7 @@ class PieceFinder:
         return pursuit.way
 
     def _order_if_due(
-        self, cycle: Cycle, pursuit: Pursuit, way: TimedPath, stand: ChartPoint, goal: ChartPoint
+        self, cycle: Cycle, pursuit: Pursuit, way: TimedPath, stand: LocalPoint, goal: LocalPoint
     ) -> None:
         """Have a path planned where the one that is followed isn't free of what rests, or something moves.
 
@@ -253,7 +253,7 @@ class PieceFinder:
         state.order(self._planner.order(due, start, goal, drifting, followed, self._rng))
         pursuit.refused = 0
 
-    def _choose_goal(self, cycle: Cycle, pursuit: Pursuit, stand: ChartPoint) -> ChartPoint:
+    def _choose_goal(self, cycle: Cycle, pursuit: Pursuit, stand: LocalPoint) -> LocalPoint:
         """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
         goals, way = pursuit.goals, pursuit.way
         boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted])
@@ -264,22 +264,22 @@ class PieceFinder:
         if way is not None:
             same = [k for k, goal in enumerate(goals) if self.is_same(way.goal, goal)]
             if same and not taken[same[0]]:
-                chosen: ChartPoint = goals[same[0]]
+                chosen: LocalPoint = goals[same[0]]
                 return chosen
         far = np.abs((goals - stand) / self._speeds).max(axis=1)
-        nearest: ChartPoint = goals[np.argmin(np.where(taken, np.inf, far))]
+        nearest: LocalPoint = goals[np.argmin(np.where(taken, np.inf, far))]
         return nearest
 
-    def is_same(self, z: ChartPoint, goal: ChartPoint) -> bool:
-        """Return whether a chart point (nv,) is a goal (nv,), but for whole turns of joints that turn without end."""
+    def is_same(self, z: LocalPoint, goal: LocalPoint) -> bool:
+        """Return whether a point (nv,) is a goal (nv,), but for whole turns of joints that turn without end."""
         return bool((np.abs(self._group.unwrapped(goal, z) - z) <= GOAL_TOLERANCE).all())
 
-    def _is_free(self, way: TimedPath, place: float, stand: ChartPoint) -> bool:
+    def _is_free(self, way: TimedPath, place: float, stand: LocalPoint) -> bool:
         points = way.rest(stand, place, place + STREAM.looked_at)
         clearance = self._paths.choose_clearance(STREAM.resting_looked_at, [stand, way.goal])
         return self._paths.is_free(NOTHING, STREAM.going, clearance, points)
 
-    def is_at_goal(self, state: State, z: ChartPoint) -> bool:
-        """Return whether a chart point (nv,) is the goal to which the followed path leads."""
+    def is_at_goal(self, state: State, z: LocalPoint) -> bool:
+        """Return whether a point (nv,) is the goal to which the followed path leads."""
         way = None if state.pursuit is None else state.pursuit.way
         return way is not None and bool((np.abs(z - way.goal) <= GOAL_TOLERANCE).all())

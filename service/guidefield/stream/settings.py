@@ -87,7 +87,7 @@ class StreamSettings:
     # then. Deviations of joints are millimetres of a long arm: one of 18 joints stood 3 mm above the ground for good,
     # where the judge keeps as much and paths kept less
     leaving: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008, 0.016)
-    resolution: float = 10.0  # samples of paths per length in the chart [1/rad or 1/m]
+    resolution: float = 10.0  # samples of paths per length in local coordinates [1/rad or 1/m]
     motions: int = 4000  # motions that are judged for a tree at most
     cuts: int = 150  # shortcuts that are tried: with 60 paths have more corners, at which the robot is slow
     refused: int = 2  # updates without a piece after which another path is planned

@@ -22,7 +22,7 @@ from guidefield.messages.values import Vector3
 from guidefield.recorder.live_view import Channel, Part
 from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, stream_chunks, stream_recording, stream_scene
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.stream.commit import Commit
 from guidefield.stream.journal import Begun, Entry, Opens, Updated, read
@@ -147,7 +147,7 @@ class RobotMotions:
         piece = self._pieces.get(number)
         if piece is None:
             commit = self._commits.get(number, self._commits[max(self._commits)])
-            return np.array(self._group.wire_positions(cast(ChartPoint, commit.state(now)[:, 0])))
+            return np.array(self._group.wire_positions(cast(LocalPoint, commit.state(now)[:, 0])))
         return _along(piece, now)
 
     def end(self, one: Updated) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 
 from guidefield.errors import GuidefieldError, StreamUnknown
 from guidefield.messages.streams import Observation, Piece, StreamGoal, StreamObstacle, StreamState, StreamUpdate
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.stream.commit import Commit
 from guidefield.stream.dodging import TimedPath
 from guidefield.stream.path_planner import PathOrder
@@ -97,7 +97,7 @@ class State(msgspec.Struct, eq=False):
     ordered: PathOrder | None  # the path that is being planned
 
     @classmethod
-    def at_rest(cls, start: ChartPoint) -> State:
+    def at_rest(cls, start: LocalPoint) -> State:
         """Return the state of a stream that was opened, at coordinates of shape (nv,)."""
         commits = {0: Commit.standing(start, 0.0)}
         return cls(commits, Phase.STANDING, 0, 0, -np.inf, False, 0, 0, -np.inf, None, None)

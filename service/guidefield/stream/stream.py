@@ -27,7 +27,7 @@ from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import ORIGIN
 from guidefield.robot.model.configuration import configuration_from_wire
-from guidefield.robot.model.joints import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalPoint, LocalPoints
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
@@ -64,7 +64,7 @@ class GoalSearch:
     """A search for configurations of a goal."""
 
     number: int
-    found: Future[ChartPoints]  # the configurations, shape (k, nv)
+    found: Future[LocalPoints]  # the configurations, shape (k, nv)
 
 
 class CertifiedStream:
@@ -184,7 +184,7 @@ class CertifiedStream:
         rng = np.random.default_rng([self.request.seed, state.sought])
         inward, near = self._inward(asked), self.executing.ends
 
-        def work(paths: PathPlanner) -> ChartPoints:
+        def work(paths: PathPlanner) -> LocalPoints:
             return find_goals(inward, self.group, paths, near, rng)
 
         self._watching.seek(asked)
@@ -362,7 +362,7 @@ class CertifiedStream:
             fresh |= self._obstacles.observe(seen)
         return fresh or bool(update.declare)
 
-    def _read_joints(self, update: StreamUpdate) -> ChartPoint:
+    def _read_joints(self, update: StreamUpdate) -> LocalPoint:
         assert update.joints is not None, "it has"
         group = self.group
         with at_path("$.joints"):
@@ -374,7 +374,7 @@ class CertifiedStream:
                 f"`$.joints` must have every joint that moves; missing are {', '.join(sorted(planned - given))}",
                 path="$.joints",
             )
-        return group.unwrapped(group.chart(group.part_of(q)), self.executing.state(update.time)[:, 0])
+        return group.unwrapped(group.to_local(group.part_of(q)), self.executing.state(update.time)[:, 0])
 
     def _require_followed(self, update: StreamUpdate) -> None:
         """Refuse an update that no piece could follow."""
@@ -392,7 +392,7 @@ class CertifiedStream:
                 path="$.time",
             )
 
-    def _stand_elsewhere(self, z: ChartPoint, base: Commit) -> Commit:
+    def _stand_elsewhere(self, z: LocalPoint, base: Commit) -> Commit:
         """Go on from z (nv,), where the robot stands although its piece ended elsewhere."""
         stood = Commit.standing(z, self._state.now, base.number, self._state.goal)
         self._state.stand_at(stood)

@@ -78,7 +78,7 @@ def arm(name: str) -> PlanningGroup:
 def distance(world: World, z: np.ndarray, first: int, second: int) -> float:
     """Between two bodies, by Coal."""
     shapes = world.group.geometry.geometryObjects
-    pin.forwardKinematics(world.model, world.data, world.group.expand_from_chart(z))
+    pin.forwardKinematics(world.model, world.data, world.group.expand_from_local(z))
     placed = []
     for index in (first, second):
         placement = world.data.oMi[shapes[index].parentJoint] * shapes[index].placement
@@ -98,7 +98,7 @@ def test_verdicts_hold_at_the_corners_of_cells(robot: str, verdict: int) -> None
         meeting, divisions, *indices = cells[chosen]
         places, row = grids[meeting], numbers[meeting].astype(float)
         corner = np.array(indices) + rng.integers(0, 2, GRID_SIDES)
-        z = world.group.chart(world.group.random(rng))  # any corner of the cell, any value of other coordinates
+        z = world.group.to_local(world.group.random(rng))  # any corner of the cell, any value of other coordinates
         for side in np.flatnonzero(row[1:-1:3] > 0.0):
             length = (1 << places[LEVELS] * places[DIVIDED] - divisions) / row[3 * side + 1]
             z[places[3 * side]] = row[3 * side] + corner[side] * length

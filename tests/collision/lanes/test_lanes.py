@@ -70,12 +70,12 @@ def world_of(robot: str, scene: str) -> tuple[World, BatchCollision]:
 
 def draw(planned: PlanningGroup, count: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return np.array([planned.chart(planned.random(rng)) for _ in range(count)])
+    return np.array([planned.to_local(planned.random(rng)) for _ in range(count)])
 
 
 def narrowest(world: World, z: np.ndarray) -> float:
     """Smallest signed distance of all pairs."""
-    clearance = clearance_at(world, world.group.expand_from_chart(z))
+    clearance = clearance_at(world, world.group.expand_from_local(z))
     return min(clearance.obstacle_distance, clearance.self_distance)
 
 
@@ -86,7 +86,7 @@ def test_touching_is_what_coal_says(robot: str, scene: str) -> None:
     world, lanes = world_of(robot, scene)
     zs = draw(world.group, COUNTS[robot], 2)
     mine = lanes.touching(zs)
-    coal = np.array([world.in_collision(world.group.expand_from_chart(z)) for z in zs])
+    coal = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     assert 0 < coal.sum() < len(zs)
     for z in zs[mine != coal]:
         assert abs(narrowest(world, z)) <= BAND
@@ -97,15 +97,15 @@ def test_close_to_contact_too(robot: str) -> None:
     """Where a motion into contact is halved down to a micrometre, both still agree but within the band."""
     world, lanes = world_of(robot, "zoo")
     zs = draw(world.group, COUNTS[robot] // 4, 3)
-    touching = np.array([world.in_collision(world.group.expand_from_chart(z)) for z in zs])
+    touching = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     for free, hit in zip(zs[~touching][:30], zs[touching][: COUNTS[robot] // 50], strict=False):
         low, high = free, hit
         for _ in range(22):
             middle = 0.5 * (low + high)
-            low, high = (low, middle) if world.in_collision(world.group.expand_from_chart(middle)) else (middle, high)
+            low, high = (low, middle) if world.in_collision(world.group.expand_from_local(middle)) else (middle, high)
         for z in np.linspace(0.0, 1.0, 41)[:, None] * (high - free) + free, low + np.linspace(-1e-5, 1e-5, 9)[:, None]:
             mine = lanes.touching(z)
-            coal = np.array([world.in_collision(world.group.expand_from_chart(row)) for row in z])
+            coal = np.array([world.in_collision(world.group.expand_from_local(row)) for row in z])
             for row in z[mine != coal]:
                 assert abs(narrowest(world, row)) <= BAND
 
@@ -115,7 +115,7 @@ def test_a_clearance_is_kept_from_obstacles_but_not_from_itself() -> None:
     zs = draw(world.group, 600, 4)
     mine = lanes.touching(zs, 0.05)
     for z, touches in zip(zs, mine, strict=True):
-        clearance = clearance_at(world, world.group.expand_from_chart(z))
+        clearance = clearance_at(world, world.group.expand_from_local(z))
         if min(abs(clearance.obstacle_distance - 0.05), abs(clearance.self_distance)) > BAND:
             assert touches == (clearance.obstacle_distance < 0.05 or clearance.self_distance < 0.0)
 

@@ -84,7 +84,7 @@ def assert_placed_alike(planned: PlanningGroup, lanes: BatchCollision, zs: np.nd
     placements_of_configurations(lanes.tables.joints, coordinates, poses)
     poses = poses.reshape(-1, 3, 4, 16)
     for lane, z in enumerate(zs):
-        pin.forwardKinematics(model, data, planned.expand_from_chart(z))
+        pin.forwardKinematics(model, data, planned.expand_from_local(z))
         for joint in range(1, model.njoints):
             placement = data.oMi[joint]
             np.testing.assert_allclose(poses[joint, :, 3, lane], placement.translation, atol=1e-5)
@@ -115,7 +115,7 @@ def test_random_robots_are_where_pinocchio_has_them_and_touch_where_coal_says(ur
     lanes, zs = BatchCollision.build(world), draw(planned, 16, seed)
     assert_placed_alike(planned, lanes, zs)
     for z, mine in zip(zs, lanes.touching(zs), strict=True):
-        assert mine == world.in_collision(planned.expand_from_chart(z)) or abs(narrowest(world, z)) <= BAND
+        assert mine == world.in_collision(planned.expand_from_local(z)) or abs(narrowest(world, z)) <= BAND
 
 
 @pytest.mark.parametrize("name", [*CHAINS[1:], *BALLS, MESHES])
@@ -123,7 +123,7 @@ def test_touching_is_what_coal_says(name: str) -> None:
     world, lanes = world_of(name)
     zs = draw(world.group, 600, 2)
     mine = lanes.touching(zs)
-    coal = np.array([world.in_collision(world.group.expand_from_chart(z)) for z in zs])
+    coal = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     assert 0 < coal.sum() < len(zs)
     for z in zs[mine != coal]:
         assert abs(narrowest(world, z)) <= BAND
@@ -157,7 +157,7 @@ def test_thin_obstacles_near_the_middles_of_pieces(kind: str) -> None:
     bodies, joints = lanes.tables.bodies, lanes.tables.joints
     verdicts = []
     for _ in range(60):
-        z = planned.chart(planned.random(rng))
+        z = planned.to_local(planned.random(rng))
         poses = np.zeros(joints.size * POSE, np.float32)
         placements_of_configurations(joints, np.repeat(z.astype(np.float32), 16), poses)
         body = int(rng.integers(2, bodies.size))
@@ -166,7 +166,7 @@ def test_thin_obstacles_near_the_middles_of_pieces(kind: str) -> None:
         middle = pose[:, :3] @ bodies.piece_bounds[4 * piece : 4 * piece + 3] + pose[:, 3]
         centre = middle + rng.choice([0.0, 0.03, 0.06]) * rng.normal(size=3)
         world = World.build(planned, build(messages.Scene(name="thin", obstacles=[obstacle(kind, centre, rng)])))
-        distance = clearance_at(world, planned.expand_from_chart(z)).obstacle_distance
+        distance = clearance_at(world, planned.expand_from_local(z)).obstacle_distance
         if not 0.0 < distance <= BAND:  # where bodies touch, it is 0 however deep
             verdicts.append(distance <= 0.0)
             kept = without_inner_balls(BatchCollision.build(world))
@@ -205,7 +205,7 @@ def test_what_is_left_out_keeps_apart(robot: str) -> None:
     world, every, out = left_out(planned)
     rng, nearest = np.random.default_rng(5), dict.fromkeys(every, np.inf)
     for _ in range(100):
-        z = planned.chart(planned.random(rng))
+        z = planned.to_local(planned.random(rng))
         for pair in every:
             nearest[pair] = min(nearest[pair], distance(world, z, *pair))
     assert all(nearest[pair] > 0.0 for pair in out)

@@ -96,7 +96,7 @@ def scenes() -> tuple[Scene, Scene]:
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 def test_a_robot_touches_one_mesh_where_it_touches_its_solids(robot: str) -> None:
     planned = group(robot)
-    zs = np.array([planned.chart(random_configuration(planned, seed)) for seed in range(400)])
+    zs = np.array([planned.to_local(random_configuration(planned, seed)) for seed in range(400)])
     one, each = (BatchCollision.build(World.build(planned, scene)) for scene in scenes())
     for clearance in (0.0, 0.03):
         first, second = one.touching(zs, clearance), each.touching(zs, clearance)
@@ -135,12 +135,12 @@ def world_of(robot: str) -> tuple[World, BatchCollision]:
 
 def draw(world: World, count: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return np.array([world.group.chart(world.group.random(rng)) for _ in range(count)])
+    return np.array([world.group.to_local(world.group.random(rng)) for _ in range(count)])
 
 
 def narrowest(world: World, z: np.ndarray) -> float:
     """Smallest distance of all pairs."""
-    clearance = clearance_at(world, world.group.expand_from_chart(z))
+    clearance = clearance_at(world, world.group.expand_from_local(z))
     return min(clearance.obstacle_distance, clearance.self_distance)
 
 
@@ -149,10 +149,10 @@ def test_touching_is_what_coal_says(robot: str) -> None:
     world, lanes = world_of(robot)
     zs = draw(world, 1000, 2)
     mine = lanes.touching(zs)
-    by_coal = np.array([world.in_collision(world.group.expand_from_chart(z)) for z in zs])
+    by_coal = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     assert 0.2 < by_coal.mean() < 0.9
     for z in zs[mine & ~by_coal]:  # Coal sees a link's surface: a ball may be wholly inside
-        assert narrowest(world, z) <= BAND or enclosed(world, world.group.expand_from_chart(z)) is not None
+        assert narrowest(world, z) <= BAND or enclosed(world, world.group.expand_from_local(z)) is not None
     assert not (by_coal & ~mine).any()
 
 
@@ -161,25 +161,25 @@ def test_close_to_contact_too(robot: str) -> None:
     """Where a motion into contact is halved down to a micrometre, both still agree but within the band."""
     world, lanes = world_of(robot)
     zs = draw(world, 300, 3)
-    touching = np.array([world.in_collision(world.group.expand_from_chart(z)) for z in zs])
+    touching = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     for free, hit in zip(zs[~touching], zs[touching][:12], strict=False):
         low, high = free, hit
         for _ in range(22):
             middle = 0.5 * (low + high)
-            low, high = (low, middle) if world.in_collision(world.group.expand_from_chart(middle)) else (middle, high)
+            low, high = (low, middle) if world.in_collision(world.group.expand_from_local(middle)) else (middle, high)
         rows = np.concatenate([np.linspace(free, hit, 41), low + np.linspace(-1e-5, 1e-5, 9)[:, None]])
         mine = lanes.touching(rows)
-        by_coal = np.array([world.in_collision(world.group.expand_from_chart(row)) for row in rows])
+        by_coal = np.array([world.in_collision(world.group.expand_from_local(row)) for row in rows])
         assert not (by_coal & ~mine).any() or max(narrowest(world, row) for row in rows[by_coal & ~mine]) <= BAND
         for row in rows[mine & ~by_coal]:
-            assert narrowest(world, row) <= BAND or enclosed(world, world.group.expand_from_chart(row)) is not None
+            assert narrowest(world, row) <= BAND or enclosed(world, world.group.expand_from_local(row)) is not None
 
 
 def test_a_clearance_is_kept() -> None:
     world, lanes = world_of("panda")
     zs = draw(world, 300, 6)
     for z, touches in zip(zs, lanes.touching(zs, 0.05), strict=True):
-        clearance = clearance_at(world, world.group.expand_from_chart(z))
+        clearance = clearance_at(world, world.group.expand_from_local(z))
         if min(abs(clearance.obstacle_distance - 0.05), abs(clearance.self_distance)) > BAND:
             assert touches == (clearance.obstacle_distance < 0.05 or clearance.self_distance < 0.0)
 

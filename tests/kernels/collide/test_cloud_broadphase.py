@@ -72,7 +72,7 @@ MARGIN = 2e-3
 
 def motions(planned, count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
     rng = np.random.default_rng(seed)
-    origin = planned.chart(rest(planned))
+    origin = planned.to_local(rest(planned))
     pairs = []
     for _ in range(count):
         z0 = origin + rng.normal(size=planned.nv) * rng.choice([0.05, 0.3])

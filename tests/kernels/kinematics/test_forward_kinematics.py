@@ -107,9 +107,9 @@ def test_a_step_is_pinocchios(index: int) -> None:
 def test_limits_stop_a_value_and_its_followers() -> None:
     planned = grouped(box_arm("x mimic slide y", 0))
     z = planned.upper + 0.2
-    q = planned.expand_from_chart(z)
+    q = planned.expand_from_local(z)
     assert clamp(mover_of(planned), q, np.empty(planned.nv))
-    np.testing.assert_allclose(q, planned.expand_from_chart(planned.upper), atol=1e-12)
+    np.testing.assert_allclose(q, planned.expand_from_local(planned.upper), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["panda", "chain_fixed_6x300_r25", "chain_moving_3x260_r25"])
@@ -121,7 +121,7 @@ def test_an_advance_reaches_its_point_within_the_limits(name: str) -> None:
     reached = np.empty(planned.nq)
     assert reach(mover_of(planned), q, point, reached)
     np.testing.assert_allclose(kinematics.tip_position(reached), point, atol=2e-6)
-    z = planned.chart(reached)
+    z = planned.to_local(reached)
     assert np.all((z >= planned.lower - 1e-12) & (z <= planned.upper + 1e-12))
     assert not reach(mover_of(planned), q, point + 50.0, reached) or name.startswith("chain_moving")
 

@@ -104,10 +104,10 @@ def test_the_distance_is_that_to_the_obstacles_as_they_stand_then(kind: str) -> 
     """By tables of the scene at that time, in which clouds and surfaces are built anew; of convex ones by Coal too."""
     rng = np.random.default_rng([KINDS.index(kind), 5])
     scene = scene_of(*(moving(kind, f"o{k}", rng) for k in range(2)))
-    made, z = problem(PANDA, scene, planes=()), PANDA.chart(PANDA.random(rng))
+    made, z = problem(PANDA, scene, planes=()), PANDA.to_local(PANDA.random(rng))
     robot, _ = sampled(made)
     data = PANDA.model.createData()
-    pin.forwardKinematics(PANDA.model, data, PANDA.expand_from_chart(z))
+    pin.forwardKinematics(PANDA.model, data, PANDA.expand_from_local(z))
     joints = robot.groups[:, 0].tolist()
     points = np.concatenate(
         [
@@ -195,7 +195,7 @@ def test_it_keeps_to_a_constraint_that_bends_and_is_tight() -> None:
     wild, limits = motion("panda", moving=False)
     spline = BSpline.between(wild.start, wild.start, wild.inner, wild.step)
     group = made("panda")[0].group
-    tip = Kinematics(group).tip_position(group.expand_from_chart(spline.start.position))
+    tip = Kinematics(group).tip_position(group.expand_from_local(spline.start.position))
     frames = ConstrainedFrames(group, (plane(group.tip, tip, np.array([0.0, 0.6, 0.8]), 1e-3),))
     kept = constraint_samples(Sections.whole(frames), spline.pieces, (), 2)
     model = look("panda", spline.points)

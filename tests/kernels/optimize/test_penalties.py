@@ -112,7 +112,7 @@ def test_derivatives_of_torques_are_pinocchios(kinds, seed) -> None:
     points = np.array([z, dz, ddz, np.zeros(nv)])
     assert expand_torque_loads(tree, np.ones(nv), points, 1.0, bases, np.zeros(1), -1.0, *rows, slopes) == nv
     expand = planned.expand_velocity
-    q, data = planned.expand_from_chart(z), planned.model.createData()
+    q, data = planned.expand_from_local(z), planned.model.createData()
     by = pin.computeRNEADerivatives(planned.model, data, q, expand @ dz, expand @ ddz)
     mass = np.triu(by[2]) + np.triu(by[2], 1).T
     for got, row in zip(slopes.swapaxes(0, 1), (by[0], by[1], mass), strict=True):
@@ -127,7 +127,7 @@ def constrained_motion(name: str, spread: float) -> tuple[ConstrainedFrames, BSp
     """A motion about a random configuration, and where its six constraints are looked at."""
     rng = np.random.default_rng(3)
     frames = random_frames(name, rng)
-    z = frames.group.chart(frames.group.random(rng))
+    z = frames.group.to_local(frames.group.random(rng))
     points = z + spread * rng.normal(size=(CONSTRAINED_PIECES + 3, len(z)))
     ends = End.at_rest(points[0]), End.at_rest(points[-1])
     spline = BSpline.between(*ends, points[3:-3], 0.1)

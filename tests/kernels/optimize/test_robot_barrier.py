@@ -35,13 +35,13 @@ REACH, CLEARANCE, FLOOR = 0.08, 0.01, 0.05
 
 @functools.cache
 def made(name: str, seed: int = 0) -> tuple[Problem, np.ndarray]:
-    """A robot among scattered obstacles, and a configuration (in the chart) at which some points are within range."""
+    """A robot among scattered obstacles, and a configuration at which some points are within range."""
     planned = GROUPS[name]()
     rng = np.random.default_rng(seed)
     made_for = problem(planned, scene_of(*scattered(rng, 12, 1.0)), planes=())
     robot, _ = sampled(made_for)
     for _ in range(500):
-        z = planned.chart(planned.random(rng))
+        z = planned.to_local(planned.random(rng))
         near = np.array([d for d, _, reach, _ in distances(made_for, robot, z) if d < reach])
         if len(near) > 3 and near.min() > -0.05:
             return made_for, z
@@ -57,7 +57,7 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
     """Distance, weight, range and floor of every point against obstacles; against links by Coal, without floor."""
     model = made_for.group.model
     data = model.createData()
-    pin.forwardKinematics(model, data, made_for.group.expand_from_chart(z))
+    pin.forwardKinematics(model, data, made_for.group.expand_from_local(z))
     world = [
         robot.points[:, first:last].T @ data.oMi[joint].rotation.T + data.oMi[joint].translation
         for joint, first, last, _ in robot.groups.tolist()
@@ -172,7 +172,7 @@ def test_links_within_range_at_an_end_are_let_in_that_far() -> None:
     rng = np.random.default_rng(0)
     closest = np.empty(len(robot.pairs))
     for _ in range(20_000):
-        z = made_for.group.chart(made_for.group.random(rng))
+        z = made_for.group.to_local(made_for.group.random(rng))
         pair_distances(robot, tables, z, closest)
         if LEAST_RANGE < closest.min() < 0.5 * RANGE:
             break
@@ -187,7 +187,7 @@ def test_the_distances_of_pairs_are_those_of_their_points_within_range() -> None
     robot, tables = sampled(made_for)
     closest, rng = np.empty(len(robot.pairs)), np.random.default_rng(0)
     for _ in range(20_000):
-        z = made_for.group.chart(made_for.group.random(rng))
+        z = made_for.group.to_local(made_for.group.random(rng))
         pair_distances(robot, tables, z, closest)
         if 0.0 < closest.min() < np.inf:  # links within range, none inside another
             break

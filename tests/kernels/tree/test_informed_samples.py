@@ -186,7 +186,7 @@ def test_what_is_hit_touches(robot: str, clearance: float) -> None:
         hit = np.array([mask >> k & 1 for k in range(LANES)], bool)
         assert not (hit & ~touches).any()
         for z in block[hit][:2]:
-            assert clearance_at(world, world.group.expand_from_chart(z)).obstacle_distance < clearance + 1e-5
+            assert clearance_at(world, world.group.expand_from_local(z)).obstacle_distance < clearance + 1e-5
         seen += hit.sum()
         missed += (touches & ~hit).sum()
     assert seen > 100

@@ -45,7 +45,7 @@ def test_the_numbers_are_those_of_pinocchio(name: str) -> None:
     rng = np.random.default_rng(0)
     frames = random_frames(name, rng)
     for _ in range(20):
-        z = frames.group.chart(frames.group.random(rng))
+        z = frames.group.to_local(frames.group.random(rng))
         expected = (frames.values(z) / frames.limits).max()
         assert largest_share(keep_frames(frames), z) == pytest.approx(expected, abs=1e-10)
 
@@ -55,7 +55,7 @@ def test_it_comes_back_where_pinocchio_does() -> None:
     for _ in range(40):
         whole = random_frames("panda", rng)
         frames = ConstrainedFrames(whole.group, whole.constraints[:1] + whole.constraints[2:3])
-        z = frames.group.chart(frames.group.random(rng))
+        z = frames.group.to_local(frames.group.random(rng))
         expected, found = brought_back(frames, z), z.copy()
         there = bring_back(keep_frames(frames), ROOM, CORRECTIONS, found)
         assert there == (expected is not None)

@@ -91,7 +91,7 @@ def ask(title: str, **changes):
 
 def test_a_goal_next_to_the_start_needs_no_planes() -> None:
     made = seed_problem(NINE[0])
-    tip = made.kinematics.tip_position(made.group.expand_from_chart(made.z_start))
+    tip = made.kinematics.tip_position(made.group.expand_from_local(made.z_start))
     assert derive_planes(made, tip + np.array([0.0, 0.0, 0.01])) == ()
 
 

@@ -40,7 +40,7 @@ def test_every_plane_is_crossed_in_order_and_every_step_is_free(scene: str, mini
         crossing = cross_plane(made, q, plane, index, *((ATTEMPTS[minimizer](made.group),) if minimizer else ()))
         assert crossing.status is Status.SUCCESS, crossing.message
         np.testing.assert_array_equal(crossing.path[0], q)
-        assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.02 if seed else 0.01)
+        assert densely_free(made, made.group.local_path(list(crossing.path)), step=0.02 if seed else 0.01)
         q = crossing.path[-1]
         tip = made.kinematics.tip_position(q)
         assert abs(plane.signed_height(tip)) <= ON_PLANE
@@ -86,7 +86,7 @@ def test_a_plane_behind_a_wall_gets_it_stuck_with_the_pair_named() -> None:
     assert crossing.status is Status.STUCK_IN_MINIMUM
     assert crossing.details["distance"] > 0.05
     assert "wall" in crossing.details["pair"]
-    assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.01)
+    assert densely_free(made, made.group.local_path(list(crossing.path)), step=0.01)
 
 
 def test_a_plane_that_joint_limits_keep_out_of_reach_is_unreachable() -> None:
@@ -124,7 +124,7 @@ def test_settling_lowers_the_potential_on_the_plane_and_every_step_is_free(title
     tip = made.kinematics.tip_position(made.q_start)
     assert made.robot_field.potential(guided.q) < 0.99 * made.robot_field.potential(made.q_start)
     assert abs(NORMAL @ (guided.tip - tip)) < 1e-6
-    assert densely_free(made, made.group.chart_path(list(guided.path)), step=0.02)
+    assert densely_free(made, made.group.local_path(list(guided.path)), step=0.02)
 
 
 @pytest.mark.parametrize(("title", "least"), [("seed_b_tapered", 0.044), ("seed_c_blocked", 0.015)])
@@ -136,9 +136,9 @@ def test_rounds_that_come_near_obstacles_on_the_way_are_made_in_shorter_advances
         crossing = cross_plane(made, q, plane, index, ATTEMPTS["univariate"](group))
         q = crossing.path[-1]
         for start, end in pairwise(crossing.path):
-            a = group.chart(start)
-            b = group.unwrapped(group.chart(end), a)
-            between = [group.from_chart(a + t * (b - a)) for t in np.linspace(0.0, 1.0, 8)]
+            a = group.to_local(start)
+            b = group.unwrapped(group.to_local(end), a)
+            between = [group.from_local(a + t * (b - a)) for t in np.linspace(0.0, 1.0, 8)]
             assert min(clearance_at(made.world, p).obstacle_distance for p in between) >= least
 
 

@@ -101,7 +101,7 @@ def test_a_descent_lowers_the_potential_and_keeps_the_constraint(kind: str) -> N
     assert descent.potential == pytest.approx(potentials[-1], rel=1e-6)
     for p in descent.path:
         assert np.abs(evaluated(constraint, made.group, p)[0]).max() <= ON_CONSTRAINT
-        z = made.group.chart(p)
+        z = made.group.to_local(p)
         assert np.all((z >= made.group.lower) & (z <= made.group.upper))
 
 
@@ -111,7 +111,7 @@ def test_run_to_convergence_the_projected_gradient_vanishes() -> None:
     constraint = constraints(made, q)["reorient"]
     end = descended(made, q, constraint, tolerance=1e-12, most_steps=400).path[-1]
     gradient, rows = made.robot_field.evaluate(end).gradient, evaluated(constraint, made.group, end)[1]
-    z = made.group.chart(end)
+    z = made.group.to_local(end)
     free = (z > made.group.lower + 1e-6) & (z < made.group.upper - 1e-6)
     g, C = gradient[free], rows[:, free]
     projected = g - C.T @ np.linalg.lstsq(C.T, g, rcond=None)[0]
@@ -145,10 +145,10 @@ def test_close_to_obstacles_it_goes_on_for_clearance() -> None:
         crossing = cross_plane(made, q, plane, index, ATTEMPTS["projected"](made.group))
         assert crossing.status is Status.SUCCESS, crossing.message
         q = crossing.path[-1]
-        zs = made.group.chart_path(list(crossing.path))
+        zs = made.group.local_path(list(crossing.path))
         for a, b in pairwise(zs):
             for t in np.linspace(0.0, 1.0, 20):
-                at = made.group.from_chart(a + t * (b - a))
+                at = made.group.from_local(a + t * (b - a))
                 nearest = min(nearest, clearance_at(made.world, at).obstacle_distance)
     assert nearest > 0.0145  # without: 0.0116
 

@@ -90,7 +90,7 @@ def test_jerk_limits_are_kept_and_cost_time(jerk: float) -> None:
 def test_every_motion_is_within_limits_and_no_slower_than_one_joint_needs(seed, jerk, joints):
     planned = grouped(box_arm(joints, 0, size=0.25))
     rng = np.random.default_rng(seed)
-    path = np.array([planned.chart(planned.random(rng)) for _ in range(3)])
+    path = np.array([planned.to_local(planned.random(rng)) for _ in range(3)])
     limits = None if jerk is None else np.full(planned.nv, jerk)
     made = problem(planned, scene_of(), planes=(), jerk_limits=limits)
     trajectory = optimized(made, path).trajectory
@@ -104,7 +104,7 @@ def test_every_motion_is_within_limits_and_no_slower_than_one_joint_needs(seed, 
 @pytest.mark.parametrize("size", [1e-5, 1e-3])
 def test_a_tiny_motion_stays_within_limits(size: float) -> None:
     made = problem("panda", scene_of(), planes=(), jerk_limits=np.full(7, 100.0))
-    z = made.group.chart(made.q_start)
+    z = made.group.to_local(made.q_start)
     check_limits(made, optimized(made, np.array([z, z + size])).trajectory)
 
 
@@ -150,7 +150,7 @@ def square(middle: np.ndarray, half: float) -> GuidePlane:
 def by_way_of(turn: float) -> tuple[Problem, np.ndarray, PlanePlace]:
     """A Panda in the open that turns by so much about its base, the long way through a small square at its start."""
     made = problem("panda", scene_of(), planes=())
-    z = made.group.chart(made.q_start)
+    z = made.group.to_local(made.q_start)
     start, goal, detour = z.copy(), z.copy(), z.copy()
     start[0], goal[0] = -0.5, -0.5 + turn
     detour[1] -= 0.5
@@ -175,7 +175,7 @@ def test_a_guided_motion_crosses_its_plane_though_a_shorter_way_leads_past_it(tu
     assert missed > 0.05
     assert nearly < 0.01
     q = through.trajectory.positions[through.passed[0]]
-    tip = made.kinematics.tip_position(made.group.expand_from_chart(q))
+    tip = made.kinematics.tip_position(made.group.expand_from_local(q))
     assert place.plane.distance(tip, place.inset) <= REACHED
     assert place.plane.contains(tip)
 
@@ -233,7 +233,7 @@ def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
     post = messages.Box(name="post", size=(0.1, 0.1, 1.2), position=(0.6, 0.6, 0.6))
     made, rng = problem("panda", scene_of(post), planes=()), np.random.default_rng(4)
     first = made.z_start
-    placed = made.kinematics.frame_placement(made.group.expand_from_chart(first), made.group.tip_id)
+    placed = made.kinematics.frame_placement(made.group.expand_from_local(first), made.group.tip_id)
     axis = np.array([0.0, 0.0, 1.0])
     one: PathConstraint = plane(made.group.tip, placed.translation, axis, tolerance)
     if of == "cone":

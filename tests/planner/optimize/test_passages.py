@@ -21,7 +21,7 @@ PIECES = 10
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A chart point that is passed within a radius."""
+    """Local coordinates that is passed within a radius."""
 
     point: np.ndarray
     radius: float
@@ -116,12 +116,12 @@ def plane_through(tip: np.ndarray, half: float = 0.1, shift: float = 0.0) -> Gui
 
 
 def made(name: str, seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
-    """A problem, a chart point and the tip there."""
+    """A problem, local coordinates and the tip there."""
     planned: PlanningGroup = GROUPS[name]()
     made_for = problem(planned, scene_of(), planes=())
-    z = 0.8 * planned.chart(planned.random(np.random.default_rng(seed)))
+    z = 0.8 * planned.to_local(planned.random(np.random.default_rng(seed)))
     z = np.clip(z, planned.lower + 0.1, planned.upper - 0.1)
-    return made_for, z, made_for.kinematics.tip_position(planned.expand_from_chart(z))
+    return made_for, z, made_for.kinematics.tip_position(planned.expand_from_local(z))
 
 
 @pytest.mark.parametrize("name", GROUPS)

@@ -95,14 +95,14 @@ def test_what_is_certified_is_within_its_tolerances_at_dense_samples(seed: int, 
     rng = np.random.default_rng(seed)
     arm = group(name)
     kinematics, span = Kinematics(arm), 10.0**size
-    middle = arm.chart(arm.random(rng))
+    middle = arm.to_local(arm.random(rng))
     direction = rng.standard_normal(arm.nv)
     straight = middle + np.linspace(-1.0, 1.0, 4)[:, None] * span * direction / np.linalg.norm(direction)
     curve = straight + 0.02 * span * rng.standard_normal(straight.shape)
-    ends = [kinematics.frame_placement(arm.expand_from_chart(z), arm.tip_id) for z in (curve[0], curve[-1])]
+    ends = [kinematics.frame_placement(arm.expand_from_local(z), arm.tip_id) for z in (curve[0], curve[-1])]
     t = np.linspace(0.0, 1.0, 101)[:, None]
     samples = sum(c * (1 - t) ** (3 - k) * t**k * curve[k] for k, c in enumerate((1, 3, 3, 1)))
-    placed = [kinematics.frame_placement(arm.expand_from_chart(z), arm.tip_id) for z in samples]
+    placed = [kinematics.frame_placement(arm.expand_from_local(z), arm.tip_id) for z in samples]
     loose = StraightWay(arm.tip, *ends, 1.0, 3.0)
     worst = np.max([off(loose, one) for one in placed], axis=0)
     turns = World.build(arm, scene_of()).bodies.turns
@@ -123,10 +123,10 @@ def _beyond(way: StraightWay, placed: list[pin.SE3]) -> bool:
 def test_turning_on_the_spot_may_take_its_time() -> None:
     """The last joint turns alone: the tip stays, and the pace of the turning is free."""
     arm = group("panda")
-    kinematics, z = Kinematics(arm), arm.chart(arm.random(np.random.default_rng(3)))
+    kinematics, z = Kinematics(arm), arm.to_local(arm.random(np.random.default_rng(3)))
     last = z.copy()
     last[-1] = z[-1] + 0.5
-    ends = [kinematics.frame_placement(arm.expand_from_chart(one), arm.tip_id) for one in (z, last)]
+    ends = [kinematics.frame_placement(arm.expand_from_local(one), arm.tip_id) for one in (z, last)]
     way = StraightWay(arm.tip, *ends, 1e-4, 1e-3)
     turns = World.build(arm, scene_of()).bodies.turns
     shares = np.array([0.0, 0.7, 0.8, 1.0])[:, None]
@@ -141,10 +141,10 @@ def test_turning_on_the_spot_may_take_its_time() -> None:
 def test_a_refusal_names_the_first_piece_that_leaves_the_way() -> None:
     """The elbow moves aside within the first piece, so that the second begins beside the way."""
     arm = group("panda")
-    kinematics, z = Kinematics(arm), arm.chart(arm.random(np.random.default_rng(3)))
+    kinematics, z = Kinematics(arm), arm.to_local(arm.random(np.random.default_rng(3)))
     last = z.copy()
     last[-1] = z[-1] + 0.5
-    ends = [kinematics.frame_placement(arm.expand_from_chart(one), arm.tip_id) for one in (z, last)]
+    ends = [kinematics.frame_placement(arm.expand_from_local(one), arm.tip_id) for one in (z, last)]
     aside = z + np.array([0.0, 0.5, 1.0])[:, None] * (last - z)
     aside[1:, 3] += 1e-2
     pieces = np.stack([aside[:-1], aside[1:]], axis=1)
@@ -170,7 +170,7 @@ def beside(line: np.ndarray, places: np.ndarray) -> np.ndarray:
 def test_a_corner_leaves_its_lines_within_the_radius_and_along_them(seed: int, radius: float) -> None:
     rng, arm = np.random.default_rng(seed), group("ur5")
     corners = np.cumsum(rng.uniform(-1.0, 1.0, (4, arm.nv)), axis=0)
-    asked = problem(arm, scene_of(), goal=to_configuration(corners[1], arm), q_start=arm.from_chart(corners[0]))
+    asked = problem(arm, scene_of(), goal=to_configuration(corners[1], arm), q_start=arm.from_local(corners[0]))
     goals = [PassedGoal(asked, z, radius) for z in corners[1:3]]
     curves = [CurveByLength(straight(*line)) for line in pairwise(corners)]
     found = round_corners(curves, goals, [radius, radius], 0.05)

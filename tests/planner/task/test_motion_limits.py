@@ -63,7 +63,7 @@ def dense_rates(planned: PlanningGroup, limit: CartesianLimit, motion: MotionPol
     velocities, accelerations = tangents(planned, zs, rates), tangent_accelerations(planned, zs, rates, rises)
     for z, dz, ddz in zip(zs, velocities, accelerations, strict=True):
         expand = planned.expand_velocity
-        pin.forwardKinematics(model, data, planned.expand_from_chart(z), expand @ dz, expand @ ddz)
+        pin.forwardKinematics(model, data, planned.expand_from_local(z), expand @ dz, expand @ ddz)
         v, a = pin.getVelocity(model, data, carrier, pin.LOCAL), pin.getAcceleration(model, data, carrier, pin.LOCAL)
         w, turn = v.angular, np.linalg.norm(v.angular)
         there = v.linear + np.cross(w, body.points)
@@ -162,7 +162,7 @@ def dense_torques(planned: PlanningGroup, motion: MotionPolynomials) -> np.ndarr
     zs, rates, rises = states(motion)
     both = tangents(planned, zs, rates), tangent_accelerations(planned, zs, rates, rises)
     rows = zip(zs, *both, strict=True)
-    found = [pin.rnea(model, data, planned.expand_from_chart(z), expand @ v, expand @ a) for z, v, a in rows]
+    found = [pin.rnea(model, data, planned.expand_from_local(z), expand @ v, expand @ a) for z, v, a in rows]
     return np.array(found) @ expand
 
 

@@ -1,4 +1,4 @@
-"""Planning groups: what moves, where the robot stands, and the chart."""
+"""Planning groups: what moves, where the robot stands, and local coordinates."""
 
 import numpy as np
 import pinocchio as pin
@@ -77,13 +77,13 @@ def test_an_unknown_tip_lists_the_frames() -> None:
 
 @given(seed=st.integers(0, 10_000), turns=st.integers(-3, 3))
 @settings(max_examples=15)
-def test_whole_turns_of_continuous_joints_change_nothing_but_the_chart(seed: int, turns: int) -> None:
+def test_whole_turns_of_continuous_joints_change_nothing_but_local_coordinates(seed: int, turns: int) -> None:
     planned = group("kinova")
-    z = planned.chart(random_configuration(planned, seed))
+    z = planned.to_local(random_configuration(planned, seed))
     near = z + 2.0 * np.pi * turns * (~np.isfinite(planned.lower))
     unwrapped = planned.unwrapped(z, near + 0.1)
     np.testing.assert_allclose(unwrapped, near, atol=1e-9)
-    np.testing.assert_allclose(planned.from_chart(unwrapped), planned.from_chart(z), atol=1e-12)
+    np.testing.assert_allclose(planned.from_local(unwrapped), planned.from_local(z), atol=1e-12)
 
 
 def test_links_and_fixed_joints_may_share_names() -> None:

@@ -24,8 +24,8 @@ ROUNDING = 1e-12
 
 
 def tip(planned: PlanningGroup, z: np.ndarray) -> pin.SE3:
-    """Where the tip is at a chart point, by the model of the whole robot."""
-    model, values = planned.robot.model, configuration_to_wire(planned.joints, planned.from_chart(z))
+    """Where the tip is at local coordinates, by the model of the whole robot."""
+    model, values = planned.robot.model, configuration_to_wire(planned.joints, planned.from_local(z))
     data = model.createData()
     pin.framesForwardKinematics(model, data, configuration_from_wire(planned.robot, values, base=planned.q_reference))
     return data.oMf[planned.robot.frame_id(planned.tip)].copy()
@@ -36,13 +36,13 @@ def exact(placement: pin.SE3) -> PoseTarget:
 
 
 def drawn(planned: PlanningGroup, seed: int) -> np.ndarray:
-    """A random chart point."""
-    return planned.chart(random_configuration(planned, seed))
+    """A random local coordinates."""
+    return planned.to_local(random_configuration(planned, seed))
 
 
 def resting(planned: PlanningGroup) -> np.ndarray:
-    """The chart point of rest."""
-    return planned.chart(rest(planned))
+    """The local coordinates of rest."""
+    return planned.to_local(rest(planned))
 
 
 def found(planned, target, starts=(), count=8, seed=0, **options):
@@ -84,7 +84,7 @@ def test_a_start_leads_to_the_first_solution(name):
     reached = found(planned, exact(tip(planned, z)), [z]).solutions[0]
     assert np.allclose(reached, z, rtol=0.0, atol=ROUNDING)
     reached = found(planned, exact(tip(planned, z)), [z + 0.01]).solutions[0]
-    assert np.abs(planned.difference(planned.from_chart(z), planned.from_chart(reached))).max() < 0.1
+    assert np.abs(planned.difference(planned.from_local(z), planned.from_local(reached))).max() < 0.1
 
 
 @settings(max_examples=15)
@@ -113,8 +113,8 @@ def test_a_planar_arm_has_its_two_solutions_in_closed_form(kind):
     result = found(planned, exact(goal))
     assert result.reason == "2 distinct solutions from 128 starts"
     elbow_up_and_down = np.array([[a, b, c], [a + b, -b, b + c]])  # two links of one length: the triangle flipped
-    charts = np.array(sorted((z.tolist() for z in result.solutions), key=lambda z: z[0]))
-    assert np.allclose(charts, elbow_up_and_down, rtol=0.0, atol=1e-5)
+    points = np.array(sorted((z.tolist() for z in result.solutions), key=lambda z: z[0]))
+    assert np.allclose(points, elbow_up_and_down, rtol=0.0, atol=1e-5)
 
 
 def test_moving_base_and_goal_alike_changes_nothing():

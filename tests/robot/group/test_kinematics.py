@@ -21,7 +21,7 @@ def test_slopes_of_the_tip_are_pinocchios_and_those_of_differences(joints: str |
     kinematics = Kinematics(planned)
     z = 0.4 * np.random.default_rng(0).normal(size=planned.nv)
     slopes = kinematics.tip_slopes(z)
-    by_pinocchio = kinematics.tip_jacobian(planned.expand_from_chart(z))[:3] @ planned.tangent_map(z)
+    by_pinocchio = kinematics.tip_jacobian(planned.expand_from_local(z))[:3] @ planned.tangent_map(z)
     np.testing.assert_allclose(slopes, by_pinocchio, atol=1e-12)
     moved = 1e-6 * np.eye(planned.nv)
     differences = (kinematics.tip_positions(z + moved) - kinematics.tip_positions(z - moved)).T / 2e-6
@@ -44,7 +44,7 @@ def test_a_tip_beside_other_arms_is_where_pinocchio_has_it() -> None:
     for tip in ("a2", "b3", "base"):
         planned = select(model, [f"j_{link}" for link in links], tip, model.rest, pin.SE3.Identity())
         kinematics, zs = Kinematics(planned), np.random.default_rng(1).normal(size=(5, planned.nv))
-        wanted = [kinematics.tip_position(planned.expand_from_chart(z)) for z in zs]
+        wanted = [kinematics.tip_position(planned.expand_from_local(z)) for z in zs]
         np.testing.assert_allclose(kinematics.tip_positions(zs), wanted, atol=1e-12)
 
 

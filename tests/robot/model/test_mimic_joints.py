@@ -89,8 +89,8 @@ def test_elsewhere_its_turns_count(laws: list) -> None:
 
 
 def at_any(planned: PlanningGroup, rng: np.random.Generator) -> np.ndarray:
-    """A chart point, shape (nv,), within limits; angles up to three turns from zero."""
-    z = planned.chart(planned.random(rng))
+    """Local coordinates, shape (nv,), within limits; angles up to three turns from zero."""
+    z = planned.to_local(planned.random(rng))
     for joint in planned.joints:
         turns_on = joint.kind is JointKind.CONTINUOUS or planned.winds[joint.idx_v]
         if turns_on:
@@ -107,10 +107,10 @@ def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: Urdf
     z = at_any(planned, np.random.default_rng(seed))
     values = given_by(planned.position_names, planned.wire_positions(z))
     expected = ByFormula(urdf.text).placements(values)
-    # a plan's chart, the wire, and the kernels
+    # a plan's local coordinates, the wire, and the kernels
     model, data, table = planned.model, planned.model.createData(), joint_table(planned.model)
-    by_configuration = [planned.from_chart(z), planned.part_of(configuration_from_wire(robot, values))]
-    for q_model in (planned.expand_from_chart(z), *map(planned.expand, by_configuration)):
+    by_configuration = [planned.from_local(z), planned.part_of(configuration_from_wire(robot, values))]
+    for q_model in (planned.expand_from_local(z), *map(planned.expand, by_configuration)):
         placements = np.empty((model.njoints, 3, 4))
         pin.forwardKinematics(model, data, q_model)
         joint_placements(table, q_model, placements)
@@ -133,7 +133,7 @@ def test_the_chain_to_the_tip_ends_no_further_than_it_reaches(urdf: UrdfText, se
     rest = configuration_to_wire(planned.robot.joints, planned.robot.rest)
     frame = planned.robot.model.frames[planned.robot.frame_id(planned.tip)]
     for _ in range(5):
-        z = planned.chart(planned.random(rng))
+        z = planned.to_local(planned.random(rng))
         at = formula.placements({**rest, **given_by(planned.position_names, planned.wire_positions(z))})
         tip = at[planned.robot.model.names[frame.parentJoint]] @ frame.placement.homogeneous
         assert np.linalg.norm(tip[:3, 3] - chain.table.first[3::4]) <= chain.reach + 1e-9
@@ -241,7 +241,7 @@ def test_guided_motions_across_half_a_turn_are_free_by_the_formula() -> None:
 def test_what_a_slide_adds_to_the_reach_counts() -> None:
     planned = grouped(winding(), "tool")
     base, reach = arm_reach(planned)
-    turned = planned.chart(planned.random(np.random.default_rng(0)))
+    turned = planned.to_local(planned.random(np.random.default_rng(0)))
     turned[1] = planned.upper[1]
     assert reach >= np.linalg.norm(place(*turned[::-1]) - base)
 

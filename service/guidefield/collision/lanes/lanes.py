@@ -39,7 +39,7 @@ from guidefield.kernels.tree.shortcut import shorten
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model.joints import ChartPoints
+from guidefield.robot.model.joints import LocalPoints
 
 MOST_JUDGED_CELLS = 2000  # cells of a grid that are tested to remove a pair of links: a millisecond or two
 NO_DRIFT = DriftingBoxes(0, *(np.empty(0, np.float32) for _ in range(5)))
@@ -149,8 +149,8 @@ class BatchCollision:
         words[-DRIFT_WORDS:] = pack(drifting)
         return dataclasses.replace(self, words=words, drifting=drifting)
 
-    def gaps(self, boxes: np.ndarray, zs: ChartPoints, most: float) -> np.ndarray:
-        """Return distances of the robot at chart points (n, nv) from rounded boxes (k, ROUNDED_BOX); (n, k) [m].
+    def gaps(self, boxes: np.ndarray, zs: LocalPoints, most: float) -> np.ndarray:
+        """Return distances of the robot at local coordinates (n, nv) from rounded boxes (k, ROUNDED_BOX); (n, k) [m].
 
         They are cut off at `most`, and measured from the links' bounding spheres: the links are as far at least.
         """
@@ -160,33 +160,33 @@ class BatchCollision:
         )
         return gaps.astype(float)
 
-    def touching(self, zs: ChartPoints, clearance: float = 0.0) -> np.ndarray:
-        """Return at which chart points (n, nv) the robot touches itself or lacks a clearance [m] from obstacles; (n,).
+    def touching(self, zs: LocalPoints, clearance: float = 0.0) -> np.ndarray:
+        """Return at which points (n, nv) the robot touches itself or lacks a clearance [m] from obstacles; (n,).
 
         Raises ValueError if a coordinate is not a finite number.
         """
         if not np.isfinite(zs).all():
-            raise ValueError("a chart point has a coordinate that is not a number")
+            raise ValueError("a local coordinate is not a number")
         touching = np.empty(len(zs), np.bool_)
         touching_configurations(self.words, clearance, np.ascontiguousarray(zs, np.float32), touching)
         return touching
 
-    def free_until(self, path: ChartPoints, resolution: float, clearance: float = 0.0) -> int:
+    def free_until(self, path: LocalPoints, resolution: float, clearance: float = 0.0) -> int:
         """Count the straight motions along a path (n, nv) that are free before the first that is not.
 
-        Resolution and clearance are as in `shorten`. The first chart point itself is not tested.
+        Resolution and clearance are as in `shorten`. The first point itself is not tested.
         """
         return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))
 
-    def shorten(self, path: ChartPoints, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> ChartPoints:
+    def shorten(self, path: LocalPoints, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> LocalPoints:
         """Shorten a path (n, nv) by shortcuts that are free at samples; return one with the same ends, (k, nv).
 
-        The resolution is in samples per length in the chart [1/rad or 1/m]; the clearance is kept from obstacles [m].
+        The resolution is in samples per length in local coordinates [1/rad or 1/m]; the clearance is of obstacles [m].
         """
         most, nv = len(path) + tries + 2, path.shape[1]
         rows, short = np.empty((most, nv), np.float32), np.empty((most, nv))
         count = shorten(self.words, np.ascontiguousarray(path, float), clearance, resolution, tries, rows, short)
-        return cast(ChartPoints, short[:count].copy())
+        return cast(LocalPoints, short[:count].copy())
 
 
 def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, BufferLayout]:

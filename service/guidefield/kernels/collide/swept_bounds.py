@@ -25,7 +25,7 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     configuration,
     joint_placements,
     motion_subspaces,
-    subspaces_by_chart,
+    subspaces_by_local,
 )
 from guidefield.kernels.kinematics.poses import moved_by, turned_by
 
@@ -162,7 +162,7 @@ def capsule_speeds(
     """
     joints = robot.joints
     motion_subspaces(joints, world, subspaces)
-    subspaces_by_chart(joints, z, q, subspaces)
+    subspaces_by_local(joints, z, q, subspaces)
     twists[0, :] = 0.0
     for i in range(1, joints.parents.shape[0]):
         for k in range(6):

@@ -22,7 +22,7 @@ from guidefield.kernels.field.field import LANES, TABLES_32
 from guidefield.kernels.guide.tip_constraint import COUNTS_OUT, EVALUATIONS, GUARD, JUDGED, allows
 from guidefield.kernels.jit.arrays import INDICES, MATRIX_OUT, VECTOR, Floats, Vector3, numba_type
 from guidefield.kernels.jit.decorators import compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import JOINTS, chart_values, joint_placements
+from guidefield.kernels.kinematics.forward_kinematics import JOINTS, joint_placements, local_values
 from guidefield.kernels.kinematics.link_chain import (
     CHAIN,
     chain_configuration,
@@ -271,8 +271,8 @@ def _free(
     if not _within(limits, there.q):
         return False
     z1[:] = 0.0
-    chart_values(joints, here.q, swept.origin, z1, z0)
-    chart_values(joints, there.q, swept.origin, z0, z1)
+    local_values(joints, here.q, swept.origin, z1, z0)
+    local_values(joints, there.q, swept.origin, z0, z1)
     counts_out[JUDGED] += 1
     return bool(motion_apart(swept, bodies, z0, z1, searching.margin, searching.self_margin, searching.floor))
 

@@ -32,7 +32,7 @@ from guidefield.kernels.guide.tip_constraint import (
 from guidefield.kernels.jit.arrays import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, numba_type
 from guidefield.kernels.jit.decorators import compiled, inlined
 from guidefield.kernels.kinematics.articulated_body import empty_factors, factorize, solve, trace
-from guidefield.kernels.kinematics.forward_kinematics import chart_values, joint_placements, motion_subspaces
+from guidefield.kernels.kinematics.forward_kinematics import joint_placements, local_values, motion_subspaces
 from guidefield.kernels.kinematics.integrate import MOVER, clamp, integrate, tip_position
 from guidefield.kernels.linalg.small_systems import invert
 
@@ -305,7 +305,7 @@ def _take(
     tip, origin = tip_position(mover, there.world), tables.origin
     if not allows(guard, (tip[0] + origin[0], tip[1] + origin[1], tip[2] + origin[2])):
         return _REFUSED, 0.0
-    chart_values(mover.joints, there.q, swept.origin, z0, z1)
+    local_values(mover.joints, there.q, swept.origin, z0, z1)
     counts_out[JUDGED] += 1
     free = motion_apart(swept, bodies, z0, z1, settings.margin, settings.self_margin, settings.floor)
     if not free and settings.exact == 1:
@@ -362,7 +362,7 @@ def descend(
     alpha, tolerance = longest, settings.tolerance
     while counts_out[STEPS] < path_out.shape[0]:
         slope = direction(mover, constraint, settings.regularization, here, factors, room)
-        chart_values(mover.joints, here.q, swept.origin, zero, z0)
+        local_values(mover.joints, here.q, swept.origin, zero, z0)
         if -slope < tolerance * U and tolerance > settings.fine and _is_close(swept, bodies, settings, z0):
             tolerance = settings.fine
         if -slope < tolerance * U or slope >= 0.0:

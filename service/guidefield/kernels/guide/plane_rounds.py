@@ -34,7 +34,7 @@ from guidefield.kernels.guide.tip_constraint import (
 )
 from guidefield.kernels.jit.arrays import VECTOR, Floats, IndicesOut, Row, RowOut, RowsOut, Vector3, numba_type
 from guidefield.kernels.jit.decorators import compiled, inlined, inner_kernel
-from guidefield.kernels.kinematics.forward_kinematics import chart_values, joint_placements
+from guidefield.kernels.kinematics.forward_kinematics import joint_placements, local_values
 from guidefield.kernels.kinematics.integrate import MOVER, reach, tip_position
 
 NEARER, ARRIVED, BLOCKED = range(3)  # ends of the last round
@@ -100,8 +100,8 @@ def _keeps(
     for i in range(swept.joints.parents.shape[0]):
         m = max(m, swept.joints.idx_v[i] + swept.joints.nv[i])
     z0, z1 = np.zeros(m), np.empty(m)
-    chart_values(swept.joints, q0, swept.origin, np.zeros(m), z0)
-    chart_values(swept.joints, q1, swept.origin, z0, z1)
+    local_values(swept.joints, q0, swept.origin, np.zeros(m), z0)
+    local_values(swept.joints, q1, swept.origin, z0, z1)
     counts[JUDGED] += 1
     return bool(motion_apart(swept, bodies, z0, z1, margin, settings.self_margin, settings.floor))
 

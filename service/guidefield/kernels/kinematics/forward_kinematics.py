@@ -222,7 +222,7 @@ def configuration(joints: JointTable, values: Floats, origin: Floats, q_out: Flo
 
 
 @uncounted
-def place_by_chart(
+def place_by_local(
     joints: JointTable,
     values: Floats,
     origin: Floats,
@@ -237,7 +237,7 @@ def place_by_chart(
 
 
 @inlined
-def subspaces_by_chart(joints: JointTable, values: Floats, q: Floats, subspaces_out: Floats) -> None:
+def subspaces_by_local(joints: JointTable, values: Floats, q: Floats, subspaces_out: Floats) -> None:
     """Replace rows of `motion_subspaces` (nv, 6) by those that local velocities cause: M^T S.
 
     At local coordinates `values` (nv,) of the configuration q (nq,).
@@ -340,7 +340,7 @@ def _rotation_vector(q: Floats, origin: Floats, at: int, near: Floats, v: int, v
 
 
 @kernel
-def chart_values(joints: JointTable, q: Row, origin: Row, near: Row, values_out: RowOut) -> None:
+def local_values(joints: JointTable, q: Row, origin: Row, near: Row, values_out: RowOut) -> None:
     """Write the local coordinates (nv,) of a configuration (nq,) that are nearest to others, `near` (nv,).
 
     Rotation vectors start from the configuration `origin` (nq,).
@@ -400,7 +400,7 @@ def place_group(joints: GroupJoints, z: Floats, places: JointPlaces) -> None:
     """Place the joints at local coordinates of the group, shape (nv,) [rad or m]."""
     for i in range(joints.offsets.shape[0]):
         places.values[i] = joints.multipliers[i] * z[joints.sources[i]] + joints.offsets[i]
-    place_by_chart(
+    place_by_local(
         joints.table, places.values, joints.origin, places.q, places.rotation, places.translation, places.poses
     )
 
@@ -409,7 +409,7 @@ def place_group(joints: GroupJoints, z: Floats, places: JointPlaces) -> None:
 def write_twists(joints: GroupJoints, places: JointPlaces) -> None:
     """Write how the model's local coordinates move the joints where they were placed last."""
     place_subspaces(joints.table, places.poses, places.twists)
-    subspaces_by_chart(joints.table, places.values, places.q, places.twists)
+    subspaces_by_local(joints.table, places.values, places.q, places.twists)
 
 
 @uncounted

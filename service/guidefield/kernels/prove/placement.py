@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from guidefield.kernels.jit.arrays import Blocks, BlocksOut, Floats, RowsOut, Vector3
 from guidefield.kernels.jit.decorators import lane_kernel, uncounted
-from guidefield.kernels.kinematics.forward_kinematics import place_by_chart, place_subspaces, subspaces_by_chart
+from guidefield.kernels.kinematics.forward_kinematics import place_by_local, place_subspaces, subspaces_by_local
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.prove.tables import BezierCurve, MovingObstacles, MovingRobot, RobotBodies
 
@@ -237,7 +237,7 @@ def place_at(moving: MovingRobot, at: float, place: BodyPoses, scratch: PoseScra
         for j in range(scratch.z.shape[0]):
             value += robot.expand[i, j] * scratch.z[j]
         scratch.values[i] = value
-    place_by_chart(
+    place_by_local(
         robot.joints, scratch.values, robot.origin, scratch.q, scratch.rotation, scratch.translation, place.poses
     )
     place_centres(robot, place)
@@ -328,7 +328,7 @@ def find_twists(moving: MovingRobot, place: BodyPoses, scratch: PoseScratch) -> 
     for i in range(scratch.changes.shape[0]):
         for k in range(TWIST):
             place.twists[i, k] = place.subspaces[i, k]
-    subspaces_by_chart(joints, scratch.values, scratch.q, place.twists)
+    subspaces_by_local(joints, scratch.values, scratch.q, place.twists)
     for i in range(scratch.changes.shape[0]):
         for k in range(TWIST):
             place.twists[i, k] *= scratch.changes[i]

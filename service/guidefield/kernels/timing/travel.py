@@ -16,7 +16,7 @@ from guidefield.kernels.jit.decorators import inlined, kernel, uncounted
 from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, JointPlaces, joint_places, place_point
 from guidefield.kernels.timing.hermite import place_and_rate
 
-IN_CHART, OF_FRAME, WAYS = range(3)  # numbers of the lengths in local coordinates and of the tip; then how many
+IN_LOCAL, OF_FRAME, WAYS = range(3)  # numbers of the lengths in local coordinates and of the tip; then how many
 STRIDES = 3  # a part is measured by all of its chords, by every second and every fourth of its points; no setting
 
 AGAINST, LOOK = WAYS * STRIDES, WAYS * STRIDES + 1
@@ -105,7 +105,7 @@ def _look(
                 t,
             )
         scratch.places[k, 0], scratch.places[k, 1], scratch.places[k, 2] = place_point(tip, points[k], scratch.joints)
-    chord_lengths(points, IN_CHART * STRIDES, look_out)
+    chord_lengths(points, IN_LOCAL * STRIDES, look_out)
     chord_lengths(scratch.places, OF_FRAME * STRIDES, look_out)
     look_out[AGAINST] = against_chords(points, rates, (end - begin) / steps)
 
@@ -134,7 +134,7 @@ def _sum_lengths(looks: Floats, asked: Floats, way: int) -> float:
 
 @uncounted
 def _is_asked(asked: Floats, k: int) -> bool:
-    return bool(asked[k, IN_CHART] > 0.0 or asked[k, OF_FRAME] > 0.0)
+    return bool(asked[k, IN_LOCAL] > 0.0 or asked[k, OF_FRAME] > 0.0)
 
 
 @uncounted

@@ -191,7 +191,7 @@ def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[Guid
     None if there is no way, or an end is in contact; no planes if the tip sees the goal from the start.
     """
     tables = distance_tables(problem.world.scene)
-    start = problem.kinematics.tip_position(problem.group.expand_from_chart(problem.z_start))
+    start = problem.kinematics.tip_position(problem.group.expand_from_local(problem.z_start))
     place, normals = (goal.centroid, goal.normal[None]) if isinstance(goal, GuidePlane) else (goal, NORMALS)
     centre, reach = arm_reach(problem.group)
     size = problem.group.size

@@ -248,7 +248,7 @@ class Univariate:
             return None
         group = self.chain.group
         if group.limited:
-            z = group.chart(found)
+            z = group.to_local(found)
             if np.any((z < group.lower) | (z > group.upper)):
                 return None
         return found
@@ -347,7 +347,7 @@ def _explain_blockage(guided: GuidedPath, aim: Aim, index: int) -> PlaneCrossing
 
 def _give_up(status: Status, message: str, guided: GuidedPath, aim: Aim, index: int) -> PlaneCrossing:
     group, refusal = guided.problem.group, guided.refusal()
-    z = group.chart(guided.q)
+    z = group.to_local(guided.q)
     at_limit = [
         j.name for j in group.joints if min(z[j.idx_v] - group.lower[j.idx_v], group.upper[j.idx_v] - z[j.idx_v]) < 1e-6
     ]

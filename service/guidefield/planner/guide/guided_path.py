@@ -24,7 +24,7 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.kernels.collide.swept_bounds import SweptRobot, motion_apart
 from guidefield.kernels.distance.distance import DistanceTables
-from guidefield.kernels.kinematics.forward_kinematics import chart_values
+from guidefield.kernels.kinematics.forward_kinematics import local_values
 from guidefield.kernels.kinematics.integrate import reach
 from guidefield.memo import memoized
 from guidefield.planner.task.problem import Problem
@@ -35,10 +35,10 @@ from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import find_planned_values, joints_of, mover_of
 from guidefield.robot.link_charges import robot_charges
-from guidefield.robot.model.joints import ChartPoint, Configuration
+from guidefield.robot.model.joints import Configuration, LocalPoint
 from guidefield.scene.distance_tables import distance_tables
 
-RESOLUTION = 32.0  # samples of a motion per length in the chart [1/rad or 1/m], as a tree's motions have
+RESOLUTION = 32.0  # samples of a motion per length in local coordinates [1/rad or 1/m], as a tree's motions have
 COMFORTABLE = 0.02  # a straight way that keeps this is taken without comparing [m], at size 1. Unrecorded
 # distances from obstacles by which ways are compared, the widest first [m]. Unrecorded
 MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
@@ -58,23 +58,23 @@ class SweptWorld:
     tables: DistanceTables
     exact: bool
 
-    def ends(self, q0: Configuration, q1: Configuration) -> tuple[ChartPoint, ChartPoint]:
-        """Return chart points (nv,) of two configurations (nq,) of the group, the second one nearest to the first."""
+    def ends(self, q0: Configuration, q1: Configuration) -> tuple[LocalPoint, LocalPoint]:
+        """Return local coordinates (nv,) of two configurations (nq,) of the group, the second nearest to the first."""
         group = self.group
         if group.space is not group.model:
-            z0 = group.chart(q0)
-            return z0, group.unwrapped(group.chart(q1), z0)
-        z0, z1 = cast(ChartPoint, np.empty(group.nv)), cast(ChartPoint, np.empty(group.nv))
-        chart_values(self.robot.joints, q0, self.robot.origin, self._zero, z0)
-        chart_values(self.robot.joints, q1, self.robot.origin, z0, z1)
+            z0 = group.to_local(q0)
+            return z0, group.unwrapped(group.to_local(q1), z0)
+        z0, z1 = cast(LocalPoint, np.empty(group.nv)), cast(LocalPoint, np.empty(group.nv))
+        local_values(self.robot.joints, q0, self.robot.origin, self._zero, z0)
+        local_values(self.robot.joints, q1, self.robot.origin, z0, z1)
         return z0, z1
 
-    def apart(self, z0: ChartPoint, z1: ChartPoint, margin: float) -> bool:
-        """Return whether robot and obstacles keep a margin [m] along the straight motion between chart points (nv,).
+    def apart(self, z0: LocalPoint, z1: LocalPoint, margin: float) -> bool:
+        """Return whether robot and obstacles keep a margin [m] along the straight motion between points (nv,).
 
         True is rigorous. False means that they come too close, or that this test can't tell.
         """
-        start, end = self.group.expand_chart(z0), self.group.expand_chart(z1)
+        start, end = self.group.expand_local(z0), self.group.expand_local(z1)
         own, floor = SELF_MARGIN * self.group.size, SWEPT_RESOLUTION * self.group.size
         return bool(motion_apart(self.robot, self.tables, start, end, margin, own, floor))
 
@@ -83,8 +83,8 @@ class SweptWorld:
         return self.apart(*self.ends(q, q), margin)
 
     @cached_property
-    def _zero(self) -> ChartPoint:
-        return cast(ChartPoint, np.zeros(self.group.nv))
+    def _zero(self) -> LocalPoint:
+        return cast(LocalPoint, np.zeros(self.group.nv))
 
 
 @memoized
@@ -146,7 +146,7 @@ class GuidedPath:
         self.margin = margin
         self.plane = plane
         self._tip: np.ndarray | None = None
-        self._refused: tuple[ChartPoint, ChartPoint] | None = None
+        self._refused: tuple[LocalPoint, LocalPoint] | None = None
 
     @property
     def size(self) -> float:

@@ -26,7 +26,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import ROUNDING, ControllerModel, Interpolation
 from guidefield.prove.curve import find_pieces, largest_magnitudes, restrict_curves
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartPoints, ChartRates
+from guidefield.robot.model.joints import LocalPoints, LocalRates
 
 SPANS_AT_ONCE = 20_000  # spans between knots measured together: some 10 MB of control points
 
@@ -36,9 +36,9 @@ class DrawnMotion(ReadOnly):
     """The rows or commands that a controller is sent of a motion, and the curve that it draws."""
 
     times: np.ndarray  # of rows or commands, shape (n,), strictly increasing [s]
-    positions: ChartPoints  # shape (n, nv) [rad or m]
-    velocities: ChartRates | None  # shape (n, nv) [rad/s or m/s]; None where they aren't read
-    accelerations: ChartRates | None  # shape (n, nv) [rad/s² or m/s²]; None where they aren't read
+    positions: LocalPoints  # shape (n, nv) [rad or m]
+    velocities: LocalRates | None  # shape (n, nv) [rad/s or m/s]; None where they aren't read
+    accelerations: LocalRates | None  # shape (n, nv) [rad/s² or m/s²]; None where they aren't read
     motion: SubmittedMotion  # what is drawn, with the tube about it
     parts: int = 1  # into which the span between two rows is divided
 
@@ -56,7 +56,7 @@ def draw(
     rows: np.ndarray,
     execution: ControllerModel,
     parts: int = 1,
-    accelerations: ChartRates | None = None,
+    accelerations: LocalRates | None = None,
 ) -> DrawnMotion:
     """Draw a motion as a controller does.
 
@@ -80,7 +80,7 @@ def draw(
         times, commands = _commands(planned, execution)
         if kind is Interpolation.ZERO_ORDER_HOLD:
             after = np.append(times, times[-1] + 1.0 / _rate_of(execution))
-            reached = cast(ChartPoints, np.concatenate([commands[:1], commands]))
+            reached = cast(LocalPoints, np.concatenate([commands[:1], commands]))
             drawn = SubmittedMotion(
                 CurveKind.STEPS, reached, np.interp(after, planned.times, rows), after, tolerance=tolerance
             )
@@ -113,7 +113,7 @@ def _rate_of(execution: ControllerModel) -> float:
     return execution.rate
 
 
-def _commands(planned: Trajectory | StraightMotion, execution: ControllerModel) -> tuple[np.ndarray, ChartPoints]:
+def _commands(planned: Trajectory | StraightMotion, execution: ControllerModel) -> tuple[np.ndarray, LocalPoints]:
     """Ticks from the motion's begin on, and where it is then; the last one is not before its end, and at its goal."""
     rate, begin = _rate_of(execution), float(planned.times[0])
     count = max(1, math.ceil(planned.duration * rate * (1.0 - ROUNDING)))
@@ -139,8 +139,8 @@ def _row_times(knots: np.ndarray, execution: ControllerModel, parts: int) -> np.
 
 
 def _states(
-    planned: Trajectory, times: np.ndarray, accelerations: ChartRates | None
-) -> tuple[ChartPoints, ChartRates, ChartRates]:
+    planned: Trajectory, times: np.ndarray, accelerations: LocalRates | None
+) -> tuple[LocalPoints, LocalRates, LocalRates]:
     """States at times (n,), the knots among them: unchanged there, else with the mean acceleration."""
     q, v, a = planned.evaluate(times)
     at = np.searchsorted(times, planned.times)

@@ -20,7 +20,7 @@ from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.task.motion_limits import KEPT_SHARE, MotionLimit
 from guidefield.prove.curve import largest_magnitudes
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joints import ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import LocalPoints, LocalRate, LocalRates
 
 TOLERANCE = 1e-9  # by this share a motion may exceed a limit, for rounding
 MOST_ROUNDS = 16  # rounds of stretching at most: more than one is needed for rounding, and for limits of the whole
@@ -28,11 +28,11 @@ MOST_ROUNDS = 16  # rounds of stretching at most: more than one is needed for ro
 
 def measure_limit_load(
     times: np.ndarray,
-    positions: ChartPoints,
-    velocities: ChartRates,
-    velocity_limits: ChartRate,
-    acceleration_limits: ChartRate,
-    jerk_limits: ChartRate,
+    positions: LocalPoints,
+    velocities: LocalRates,
+    velocity_limits: LocalRate,
+    acceleration_limits: LocalRate,
+    jerk_limits: LocalRate,
 ) -> float:
     """The factor by which time has to be stretched to exceed no limit, and to reach one.
 
@@ -47,11 +47,11 @@ def measure_limit_load(
 
 def stretch_to_limits(
     times: np.ndarray,
-    positions: ChartPoints,
-    velocities: ChartRates,
-    velocity_limits: ChartRate,
-    acceleration_limits: ChartRate,
-    jerk_limits: ChartRate,
+    positions: LocalPoints,
+    velocities: LocalRates,
+    velocity_limits: LocalRate,
+    acceleration_limits: LocalRate,
+    jerk_limits: LocalRate,
     motion_limits: Sequence[MotionLimit] = (),
     deadline: Deadline = UNLIMITED,
 ) -> Trajectory:
@@ -92,7 +92,7 @@ class LimitUse:
 
     # 1 is the limit; None where nothing is limited, there is no such rate, or it has no bound
     share: float | None = None
-    coordinate: int | None = None  # the chart coordinate whose share it is; None where nothing is limited
+    coordinate: int | None = None  # the local coordinate whose share it is; None where nothing is limited
     piece: int = 0  # piece of the motion, and the share of it that has passed there
     at: float = 0.0
     steps: bool = False  # whether the rate of the next lower order jumps there, so that no limit is kept
@@ -113,10 +113,10 @@ class LimitUses:
     jerk: LimitUse = LimitUse()
 
 
-def measure_limit_shares(motion: SubmittedMotion, group: PlanningGroup, jerk_limits: ChartRate | None) -> LimitUses:
+def measure_limit_shares(motion: SubmittedMotion, group: PlanningGroup, jerk_limits: LocalRate | None) -> LimitUses:
     """The largest shares of its limits that a motion uses; without limits of jerk (nv,), jerk doesn't matter.
 
-    Rates are those of the chart, as in a plan: a planar or floating joint's are those of its position in the world and
+    Rates are those of local coordinates, as in a plan: a planar or floating joint's are of its place in the world and
     of its angle or rotation vector.
     """
     with np.errstate(invalid="ignore"):  # infinity less infinity, where there is no limit
@@ -161,7 +161,7 @@ def _quintic_shares(
     middle: np.ndarray,
     half: np.ndarray,
     ranged: np.ndarray,
-    jerk_limits: ChartRate | None,
+    jerk_limits: LocalRate | None,
 ) -> LimitUses:
     velocities, accelerations, jerks = motion.rates()
     unlimited = np.ones(len(ranged), bool)
@@ -182,7 +182,7 @@ def _largest_of(shares: np.ndarray, counts: np.ndarray) -> LimitUse:
     return LimitUse(float(most[coordinate]), coordinate, int(pieces[coordinate]), float(places[coordinate]))
 
 
-def _at_point(motion: SubmittedMotion, given: ChartRates | None, limits: ChartRate) -> LimitUse:
+def _at_point(motion: SubmittedMotion, given: LocalRates | None, limits: LocalRate) -> LimitUse:
     """The largest share of a limit that the rates given at a single knot use, shape (k, nv); none without times."""
     if motion.times is None or given is None:
         return LimitUse(0.0, 0) if motion.times is not None else LimitUse()
@@ -191,7 +191,7 @@ def _at_point(motion: SubmittedMotion, given: ChartRates | None, limits: ChartRa
 
 
 def _extrema(
-    start: ChartPoints, speed: ChartRates, acceleration: ChartRates, jerk: ChartRates, spans: np.ndarray
+    start: LocalPoints, speed: LocalRates, acceleration: LocalRates, jerk: LocalRates, spans: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions where the velocity v + a t + j t² / 2 of pieces is 0, and the shares of the pieces: both (2, m, nv).
 
@@ -207,7 +207,7 @@ def _extrema(
 
 
 def _step(
-    motion: SubmittedMotion, begins: ChartRates, ends: ChartRates, limits: ChartRate, limited: np.ndarray
+    motion: SubmittedMotion, begins: LocalRates, ends: LocalRates, limits: LocalRate, limited: np.ndarray
 ) -> LimitUse | None:
     """The largest jump of an acceleration at a knot, as a share of its limit; None where there is none."""
     if motion.kind is CurveKind.SPLINE or len(begins) < 2:

@@ -22,7 +22,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.motion_limits import polynomials_of
 from guidefield.prove.curve import Curve, find_pieces, point_on, polyline
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints, ChartRates
+from guidefield.robot.model.joints import LocalCurves, LocalPoint, LocalPoints, LocalRates
 from guidefield.scene.scene import Scene
 
 SHORTEST = 1e-3  # least time of a straight piece of a path without times, where only the order of places counts
@@ -43,14 +43,14 @@ class StraightMotion(ReadOnly):
     """Straight pieces, each run through evenly: the velocity jumps at knots."""
 
     times: np.ndarray  # shape (n,), n >= 2, strictly increasing [s]
-    positions: ChartPoints  # chart points, shape (n, nv) [rad or m]
+    positions: LocalPoints  # local coordinates, shape (n, nv) [rad or m]
 
     @property
     def duration(self) -> float:
         """[s]."""
         return float(self.times[-1] - self.times[0])
 
-    def bezier(self) -> ChartCurves:
+    def bezier(self) -> LocalCurves:
         """Control points of the pieces, shape (n - 1, 2, nv) [rad or m]."""
         return polyline(self.positions)
 
@@ -58,8 +58,8 @@ class StraightMotion(ReadOnly):
         """Times at which they begin, and the last one ends, shape (n,) [s]."""
         return self.times.copy()
 
-    def evaluate(self, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
-        """Chart points and rates at times (k,) [s], both of shape (k, nv) [rad or m, and per s]."""
+    def evaluate(self, times: np.ndarray) -> tuple[LocalPoints, LocalRates]:
+        """Local coordinates and rates at times (k,) [s], both of shape (k, nv) [rad or m, and per s]."""
         piece = np.searchsorted(self.times[1:-1], times, side="right")
         rates = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
         return self.positions[piece] + (times - self.times[piece])[:, None] * rates[piece], rates[piece]
@@ -70,21 +70,21 @@ class QuinticMotion(ReadOnly):
     """Pieces of degree 5 with the positions, velocities and accelerations of both their knots."""
 
     times: np.ndarray  # shape (n,), n >= 2, strictly increasing [s]
-    positions: ChartPoints  # chart points, shape (n, nv) [rad or m]
-    velocities: ChartRates  # shape (n, nv) [rad/s or m/s]
-    accelerations: ChartRates  # shape (n, nv) [rad/s² or m/s²]
+    positions: LocalPoints  # local coordinates, shape (n, nv) [rad or m]
+    velocities: LocalRates  # shape (n, nv) [rad/s or m/s]
+    accelerations: LocalRates  # shape (n, nv) [rad/s² or m/s²]
 
     @property
     def duration(self) -> float:
         """[s]."""
         return float(self.times[-1] - self.times[0])
 
-    def bezier(self) -> ChartCurves:
+    def bezier(self) -> LocalCurves:
         """Control points of the pieces, shape (n - 1, 6, nv) [rad or m]."""
         return self._bezier
 
     @cached_property
-    def _bezier(self) -> ChartCurves:
+    def _bezier(self) -> LocalCurves:
         spans = np.diff(self.times)[:, None]
         start, end = self.positions[:-1], self.positions[1:]
         v, w, a, b = self.velocities[:-1], self.velocities[1:], self.accelerations[:-1], self.accelerations[1:]
@@ -100,7 +100,7 @@ class QuinticMotion(ReadOnly):
             axis=1,
         )
         read_only(curves)
-        return cast(ChartCurves, curves)
+        return cast(LocalCurves, curves)
 
     def rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Control points of velocities, accelerations and jerks, shapes (n - 1, 5, nv), (n - 1, 4, nv), (n - 1, 3, nv).
@@ -120,8 +120,8 @@ class QuinticMotion(ReadOnly):
         """Times at which they begin, and the last one ends, shape (n,) [s]."""
         return self.times.copy()
 
-    def evaluate(self, times: np.ndarray) -> tuple[ChartPoints]:
-        """Chart points at times (k,) [s], shape (k, nv) [rad or m]."""
+    def evaluate(self, times: np.ndarray) -> tuple[LocalPoints]:
+        """Local coordinates at times (k,) [s], shape (k, nv) [rad or m]."""
         return (Curve(self.bezier(), self.times).at(times),)
 
 
@@ -133,14 +133,16 @@ class SubmittedMotion(ReadOnly):
     """
 
     kind: CurveKind
-    positions: ChartPoints  # chart points at the knots, shape (n, nv), no two consecutive ones at one time [rad or m]
+    positions: (
+        LocalPoints  # local coordinates at the knots, shape (n, nv), no two consecutive ones at one time [rad or m]
+    )
     # which of the given rows each knot is, shape (n,), or where between them; the last is the last one
     rows: np.ndarray
     times: np.ndarray | None = None  # of the knots, shape (n,), strictly increasing [s]; None where there are none
-    velocities: ChartRates | None = None  # at the knots, shape (n, nv) [rad/s or m/s]; None of straight pieces
+    velocities: LocalRates | None = None  # at the knots, shape (n, nv) [rad/s or m/s]; None of straight pieces
     # of a quintic; of a single knot, which has no curve to tell them, as given, shape (k, nv) [rad/s² or
     # m/s²]; else None
-    accelerations: ChartRates | None = None
+    accelerations: LocalRates | None = None
     tolerance: np.ndarray | None = None  # how far a robot may be from it, shape (nv,) [rad or m]; None: nothing
 
     @classmethod
@@ -161,8 +163,8 @@ class SubmittedMotion(ReadOnly):
         kind = CurveKind.HERMITE if accelerations is None else CurveKind.QUINTIC
         if velocities is None:
             kind = CurveKind.STEPS if steps else CurveKind.LINEAR
-        rate, rise = (cast("ChartRates | None", one) for one in (velocities, accelerations))
-        return cls(kind, cast(ChartPoints, positions), np.arange(len(positions)), times, rate, rise, tolerance)
+        rate, rise = (cast("LocalRates | None", one) for one in (velocities, accelerations))
+        return cls(kind, cast(LocalPoints, positions), np.arange(len(positions)), times, rate, rise, tolerance)
 
     @classmethod
     def of(cls, motion: Trajectory, tolerance: np.ndarray | None = None) -> SubmittedMotion:
@@ -180,7 +182,7 @@ class SubmittedMotion(ReadOnly):
         return 0.0 if self.times is None else float(self.times[-1] - self.times[0])
 
     @cached_property
-    def pieces(self) -> ChartCurves:
+    def pieces(self) -> LocalCurves:
         """Bezier control points, shape (m, k, nv), m = max(n - 1, 1): what is judged [rad or m].
 
         Steps stand in the middle of the box that they are in.
@@ -189,10 +191,10 @@ class SubmittedMotion(ReadOnly):
             return np.repeat(self.straight.mean(axis=1, keepdims=True), 2, axis=1)
         if self.velocities is None or self.times is None:
             return polyline(self.positions)
-        return cast(ChartCurves, self.measured.bezier())
+        return cast(LocalCurves, self.measured.bezier())
 
     @cached_property
-    def straight(self) -> ChartCurves:
+    def straight(self) -> LocalCurves:
         """Control points of straight pieces between the knots, shape (m, 2, nv) [rad or m]."""
         return polyline(self.positions)
 
@@ -219,7 +221,7 @@ class SubmittedMotion(ReadOnly):
         if times is None:
             lengths = np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
             times = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, SHORTEST))])
-        return Trajectory(times, self.positions, cast(ChartRates, np.zeros(self.positions.shape)))
+        return Trajectory(times, self.positions, cast(LocalRates, np.zeros(self.positions.shape)))
 
     @cached_property
     def quintic(self) -> QuinticMotion | None:
@@ -304,27 +306,27 @@ class SubmittedMotion(ReadOnly):
         row_numbers, times, positions, velocities, accelerations = columns
         return dataclasses.replace(
             self,
-            positions=cast(ChartPoints, positions),
+            positions=cast(LocalPoints, positions),
             rows=cast(np.ndarray, row_numbers),
             times=times,
-            velocities=cast("ChartRates | None", velocities),
-            accelerations=cast("ChartRates | None", accelerations),
+            velocities=cast("LocalRates | None", velocities),
+            accelerations=cast("LocalRates | None", accelerations),
         )
 
-    def _state(self, piece: int, share: float) -> tuple[float, float | None, ChartPoint, Any, Any]:
+    def _state(self, piece: int, share: float) -> tuple[float, float | None, LocalPoint, Any, Any]:
         """Row, time, position, and where there are rates, velocity and acceleration at a place."""
         row, time = self.along(piece, share)
         if share in (0.0, 1.0):  # unchanged
             k = piece + int(share)
             velocity, rise = (None if one is None else one[k] for one in (self.velocities, self.accelerations))
-            return row, time, cast(ChartPoint, self.positions[k]), velocity, rise
+            return row, time, cast(LocalPoint, self.positions[k]), velocity, rise
         assert self.kind is not CurveKind.STEPS, "steps aren't cut"
         controls = self.pieces[piece]
         if self.velocities is None or self.times is None:
             return row, time, point_on(controls, share), None, None
         order, span = len(controls) - 1, float(self.times[piece + 1] - self.times[piece])
-        first = cast(ChartPoints, order * np.diff(controls, axis=0) / span)
-        second = cast(ChartPoints, (order - 1) * np.diff(first, axis=0) / span)
+        first = cast(LocalPoints, order * np.diff(controls, axis=0) / span)
+        second = cast(LocalPoints, (order - 1) * np.diff(first, axis=0) / span)
         rise = None if self.accelerations is None else point_on(second, share)
         return row, time, point_on(controls, share), point_on(first, share), rise
 
@@ -343,18 +345,18 @@ class SubmittedMotion(ReadOnly):
         return self.along(len(self.pieces) - 1, 1.0)
 
     @property
-    def start(self) -> ChartPoint:
-        """The first chart point, shape (nv,)."""
-        point: ChartPoint = self.positions[0]
+    def start(self) -> LocalPoint:
+        """Local coordinates of its beginning, shape (nv,)."""
+        point: LocalPoint = self.positions[0]
         return point
 
 
-def spline_rates(times: np.ndarray, positions: ChartPoints) -> ChartRates:
+def spline_rates(times: np.ndarray, positions: LocalPoints) -> LocalRates:
     """Rates at samples (n, nv) of the cubic through them with continuous accelerations, not-a-knot at its ends.
 
     It is a line through two samples, a parabola through three.
     """
-    rates = cast(ChartRates, np.zeros(positions.shape))
+    rates = cast(LocalRates, np.zeros(positions.shape))
     if len(times) == 1:
         return rates
     steps = np.diff(times)

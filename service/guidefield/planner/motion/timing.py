@@ -31,7 +31,7 @@ from guidefield.planner.motion.limit_load import stretch_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.motion_limits import CurveLimits, MotionLimit
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import LocalPoint, LocalPoints, LocalRate, LocalRates
 
 # weight of the curve's length against its own parameter, for the steps of the grid. With 0 motions along a line of
 # uneven places take up to 15 % longer; with 300 those that turn back up to 10 %
@@ -52,20 +52,20 @@ BEFORE = np.array([-1, 0, 1, 2])  # the control points of a piece, counted from 
 REPEATED = 1e-9
 
 
-def length_of(path: ChartPoints, units: np.ndarray | float = 1.0) -> float:
-    """Length of a path of chart points (n, nv), by a group's metric where its units (nv,) are given [rad or m]."""
+def length_of(path: LocalPoints, units: np.ndarray | float = 1.0) -> float:
+    """Length of a path of local coordinates (n, nv), by a group's metric where its units (nv,) are given [rad or m]."""
     along = (path[1:] - path[:-1]) / units
     return float(np.sqrt(np.einsum("ij,ij->i", along, along)).sum())
 
 
-def lengths_of(path: ChartPoints) -> np.ndarray:
-    """Lengths of the straight pieces of a path of chart points (n, nv), shape (n - 1,) [rad or m]."""
+def lengths_of(path: LocalPoints) -> np.ndarray:
+    """Lengths of the straight pieces of a path of local coordinates (n, nv), shape (n - 1,) [rad or m]."""
     along = path[1:] - path[:-1]
     lengths: np.ndarray = np.sqrt((along * along).sum(axis=1))
     return lengths
 
 
-def remove_repetitions(path: ChartPoints) -> ChartPoints:
+def remove_repetitions(path: LocalPoints) -> LocalPoints:
     """The waypoints (n, nv) of a path without repetitions, first and last kept; a single one if they are all the same.
 
     What is within `REPEATED` of the one before repeats it.
@@ -81,48 +81,48 @@ def remove_repetitions(path: ChartPoints) -> ChartPoints:
         kept.pop()
     if np.linalg.norm(goal - kept[-1]) > REPEATED:
         kept.append(goal)
-    return cast(ChartPoints, np.array(kept))
+    return cast(LocalPoints, np.array(kept))
 
 
-def subdivide(path: ChartPoints, spacing: float, sizes: np.ndarray | float = 1.0) -> ChartPoints:
+def subdivide(path: LocalPoints, spacing: float, sizes: np.ndarray | float = 1.0) -> LocalPoints:
     """Places along a path (n, nv), its waypoints among them, evenly on each straight piece and at most so far apart.
 
     There are three at least. Coordinates count by their sizes (nv,), where these are given.
     """
-    lengths = lengths_of(cast(ChartPoints, path / sizes))
+    lengths = lengths_of(cast(LocalPoints, path / sizes))
     parts = np.maximum(np.ceil(lengths / spacing).astype(np.int64), 2 if len(path) == 2 else 1)
     piece = np.repeat(np.arange(len(parts)), parts)
     share = (np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[piece]
     inner = path[piece] + share[:, None] * (path[piece + 1] - path[piece])
-    return cast(ChartPoints, np.concatenate([inner, path[-1:]]))
+    return cast(LocalPoints, np.concatenate([inner, path[-1:]]))
 
 
 @dataclass(frozen=True, eq=False)
 class PathCurve(ReadOnly):
     """A curve by a parameter without a unit, that grows by 1 on each piece."""
 
-    points: ChartPoints  # control points, shape (m + 3, nv), m pieces; the first and the last stand for the ends' bends
+    points: LocalPoints  # control points, shape (m + 3, nv), m pieces; the first and the last stand for the ends' bends
     sizes: np.ndarray | float = 1.0  # by which coordinates count in its length, shape (nv,)
 
     @classmethod
-    def along(cls, places: ChartPoints, sizes: np.ndarray | float = 1.0) -> PathCurve:
+    def along(cls, places: LocalPoints, sizes: np.ndarray | float = 1.0) -> PathCurve:
         """Along places on a path, shape (m + 1, nv), m >= 1, no two consecutive ones the same."""
         first, last = 2.0 * places[:1] - places[1:2], 2.0 * places[-1:] - places[-2:-1]
-        return cls(cast(ChartPoints, np.concatenate([first, places, last])), sizes)
+        return cls(cast(LocalPoints, np.concatenate([first, places, last])), sizes)
 
     @property
     def pieces(self) -> int:
         """The number of pieces."""
         return len(self.points) - 3
 
-    def at(self, parameters: np.ndarray) -> ChartPoints:
-        """Chart points (k, nv) at parameters (k,), from 0 to `pieces`."""
+    def at(self, parameters: np.ndarray) -> LocalPoints:
+        """Local coordinates (k, nv) at parameters (k,), from 0 to `pieces`."""
         pieces = np.clip(parameters.astype(np.int64), 0, self.pieces - 1)
         return cast(
-            ChartPoints, np.einsum("ka,kaj->kj", basis(parameters - pieces), self.points[pieces[:, None] + 1 + BEFORE])
+            LocalPoints, np.einsum("ka,kaj->kj", basis(parameters - pieces), self.points[pieces[:, None] + 1 + BEFORE])
         )
 
-    def derivatives(self, steps: int) -> tuple[ChartRates, ChartRates]:
+    def derivatives(self, steps: int) -> tuple[LocalRates, LocalRates]:
         """The first two derivatives by the parameter, at even steps on each piece and at the end.
 
         Returns:
@@ -133,7 +133,7 @@ class PathCurve(ReadOnly):
             np.concatenate([(of @ about).reshape(-1, self.points.shape[1]), at_end @ about[-1]])
             for of, at_end in zip(_bases(steps), _bases(0), strict=True)
         ]
-        return cast(ChartRates, made[0]), cast(ChartRates, made[1])
+        return cast(LocalRates, made[0]), cast(LocalRates, made[1])
 
 
 @memoized_by_value(16)
@@ -151,9 +151,9 @@ class Limits(NamedTuple):
     The units are rad/s or m/s, rad/s² or m/s², rad/s³ or m/s³.
     """
 
-    velocity: ChartRate
-    acceleration: ChartRate
-    jerk: ChartRate
+    velocity: LocalRate
+    acceleration: LocalRate
+    jerk: LocalRate
     motion_limits: tuple[MotionLimit, ...] = ()  # limits of the motion as a whole
     deadline: Deadline = UNLIMITED  # after it a motion is slowed down no further for the limits of the whole motion
 
@@ -215,14 +215,14 @@ def find_fastest_progress(curve: PathCurve, limits: Limits) -> CurveProgress:
     first, between, second = first[::2], first[1::2], second[::2]
     # the steps of the grid count in r, with (dr/du)² = 1 + (weight |q'| / its mean)²: nearly the length
     places, counted, bends = (of / curve.sizes for of in (curve.points[1:-1], first, second))
-    mean = float(lengths_of(cast(ChartPoints, places)).mean())
+    mean = float(lengths_of(cast(LocalPoints, places)).mean())
     scale = LENGTH_WEIGHT / mean
     rate, rate_between = (np.sqrt(1.0 + ((scale * of) ** 2).sum(axis=1)) for of in (counted, between / curve.sizes))
     bend = scale**2 * (counted * bends).sum(axis=1) / rate**2  # (d²r/du²) / (dr/du)
     parameters = np.arange(len(rate)) / steps
     by_length = (
-        cast(ChartRates, first / rate[:, None]),
-        cast(ChartRates, (second - first * bend[:, None]) / (rate**2)[:, None]),
+        cast(LocalRates, first / rate[:, None]),
+        cast(LocalRates, (second - first * bend[:, None]) / (rate**2)[:, None]),
     )
     points = curve.at(parameters) if limits.motion_limits else None
     curve_limits = [] if points is None else [limit.along(points, *by_length) for limit in limits.motion_limits]
@@ -239,7 +239,7 @@ class _Speeds(NamedTuple):
 
 
 def _find_speeds(
-    first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Limits, curve_limits: Sequence[CurveLimits]
+    first: LocalRates, second: LocalRates, steps: np.ndarray, limits: Limits, curve_limits: Sequence[CurveLimits]
 ) -> _Speeds:
     # where the curve all but stands still in r no speed is too large for the velocities; the accelerations decide
     slowness = np.maximum((np.abs(first) / limits.velocity).max(axis=1), 1e-30)
@@ -270,7 +270,7 @@ def _resample_in_time(curve: PathCurve, progress: CurveProgress, pieces: int) ->
     """The motion of some pieces with control points where the curve is at even times; two pieces longer."""
     step = progress.duration / (pieces - 2)
     inner = curve.at(progress.at(step * np.arange(1, pieces - ENDS + 1)))
-    start, end = (End.at_rest(cast(ChartPoint, curve.points[row])) for row in (1, -2))
+    start, end = (End.at_rest(cast(LocalPoint, curve.points[row])) for row in (1, -2))
     return BSpline.between(start, end, inner, step)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.kernels.timing.hermite import states_at
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import LocalCurves, LocalPoint, LocalPoints, LocalRate, LocalRates
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class MotionSamples(ReadOnly):
     """
 
     times: np.ndarray  # shape (k,) [s]
-    positions: ChartPoints  # chart coordinates, shape (k, nv) [rad or m]
-    velocities: ChartRates  # shape (k, nv) [rad/s or m/s]
-    accelerations: ChartRates  # shape (k, nv) [rad/s² or m/s²]
+    positions: LocalPoints  # local coordinates, shape (k, nv) [rad or m]
+    velocities: LocalRates  # shape (k, nv) [rad/s or m/s]
+    accelerations: LocalRates  # shape (k, nv) [rad/s² or m/s²]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +45,14 @@ class Trajectory(ReadOnly):
     """
 
     times: np.ndarray  # times of the knots, shape (n,), strictly increasing from 0 [s]
-    positions: ChartPoints  # chart coordinates at the knots, shape (n, nv) [rad or m]
-    velocities: ChartRates  # shape (n, nv) [rad/s or m/s]
+    positions: LocalPoints  # local coordinates at the knots, shape (n, nv) [rad or m]
+    velocities: LocalRates  # shape (n, nv) [rad/s or m/s]
     # factor, at least 1, by which `stretch_to_limits` stretched the times to keep every limit everywhere
     stretch: float = 1.0
     # shape (n, nv): at each knot those of the piece that starts there, at the last knot those of the piece that ends
     # there [rad/s² or m/s²]
-    accelerations: ChartRates = field(init=False)
-    _ends: ChartRates = field(init=False, repr=False)
+    accelerations: LocalRates = field(init=False)
+    _ends: LocalRates = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
@@ -72,7 +72,7 @@ class Trajectory(ReadOnly):
         return float(np.abs(self._jerks).max(initial=0.0))
 
     @property
-    def mean_accelerations(self) -> ChartRates:
+    def mean_accelerations(self) -> LocalRates:
         """At the knots the mean of the two pieces that meet there, at the ends that of the one piece, shape (n, nv)."""
         mean = self.accelerations.copy()
         mean[1:-1] = 0.5 * (self.accelerations[1:-1] + self._ends[:-1])
@@ -103,7 +103,7 @@ class Trajectory(ReadOnly):
         read_only(powers)
         return MotionPolynomials(times, powers)
 
-    def bezier(self) -> ChartCurves:
+    def bezier(self) -> LocalCurves:
         """Control points of the pieces, shape (max(n - 1, 1), 4, nv): this very curve [rad or m].
 
         Piece i runs from ``times[i]`` to ``times[i + 1]``. A motion that goes nowhere is one piece of four equal
@@ -112,7 +112,7 @@ class Trajectory(ReadOnly):
         return self._bezier
 
     @cached_property
-    def _bezier(self) -> ChartCurves:
+    def _bezier(self) -> LocalCurves:
         if len(self.times) == 1:
             curves = np.repeat(self.positions[None], 4, axis=1)
         else:
@@ -124,18 +124,18 @@ class Trajectory(ReadOnly):
         """Times at which the pieces of `bezier` begin, and the last one ends, shape (m + 1,) [s]."""
         return np.repeat(self.times, 2) if len(self.times) == 1 else self.times.copy()
 
-    def evaluate(self, times: np.ndarray) -> tuple[ChartPoints, ChartRates, ChartRates]:
+    def evaluate(self, times: np.ndarray) -> tuple[LocalPoints, LocalRates, LocalRates]:
         """Position, velocity and acceleration (k, nv) at times (k,) [s].
 
         Before the start and after the end it is at rest.
         """
         times = np.ascontiguousarray(times, dtype=float)
         if len(self._jerks) == 0:
-            still = cast(ChartRates, np.zeros((len(times), self.positions.shape[1])))
+            still = cast(LocalRates, np.zeros((len(times), self.positions.shape[1])))
             return still + self.positions[0], still, still.copy()
         q, v, a = (np.empty((len(times), self.positions.shape[1])) for _ in range(3))
         states_at(*self.tables, times, q, v, a)
-        return cast(ChartPoints, q), cast(ChartRates, v), cast(ChartRates, a)
+        return cast(LocalPoints, q), cast(LocalRates, v), cast(LocalRates, a)
 
     def resample(self, rate: float) -> MotionSamples:
         """States at a uniform rate [Hz], and at the very end.
@@ -162,20 +162,20 @@ def concatenate(parts: Sequence[Trajectory]) -> Trajectory:
     velocities = [moving[0].velocities, *(part.velocities[1:] for part in moving[1:])]
     return Trajectory(
         np.concatenate(times),
-        cast(ChartPoints, np.concatenate(positions)),
-        cast(ChartRates, np.concatenate(velocities)),
+        cast(LocalPoints, np.concatenate(positions)),
+        cast(LocalRates, np.concatenate(velocities)),
     )
 
 
 def unwrap_towards(first: Trajectory, then: Trajectory) -> Trajectory:
     """Add whole turns to the first motion, to end where the other begins; coordinates that don't wrap get none."""
     turns = np.round((then.positions[0] - first.positions[-1]) / (2.0 * np.pi))
-    return Trajectory(first.times, cast(ChartPoints, first.positions + 2.0 * np.pi * turns), first.velocities)
+    return Trajectory(first.times, cast(LocalPoints, first.positions + 2.0 * np.pi * turns), first.velocities)
 
 
 def piece_accelerations(
-    times: np.ndarray, positions: ChartPoints, velocities: ChartRates
-) -> tuple[ChartRates, ChartRates]:
+    times: np.ndarray, positions: LocalPoints, velocities: LocalRates
+) -> tuple[LocalRates, LocalRates]:
     """Accelerations at the two ends of every Hermite piece between n knots, each (n - 1, nv) [rad/s^2 or m/s^2]."""
     dt = (times[1:] - times[:-1])[:, None]
     mean = (positions[1:] - positions[:-1]) / dt
@@ -183,11 +183,11 @@ def piece_accelerations(
     return (6.0 * mean - 4.0 * start - 2.0 * end) / dt, (2.0 * start + 4.0 * end - 6.0 * mean) / dt
 
 
-def bezier(knots: np.ndarray, values: ChartPoints, slopes: ChartRates) -> ChartCurves:
+def bezier(knots: np.ndarray, values: LocalPoints, slopes: LocalRates) -> LocalCurves:
     """Control points (n - 1, 4, c) of the pieces of a cubic Hermite curve: knots (n,), values and slopes (n, c)."""
     third = (knots[1:] - knots[:-1])[:, None] / 3.0
     start, end = values[:-1], values[1:]
-    curves = cast(ChartCurves, np.empty((len(start), 4, values.shape[1])))
+    curves = cast(LocalCurves, np.empty((len(start), 4, values.shape[1])))
     curves[:, 0], curves[:, 3] = start, end
     curves[:, 1], curves[:, 2] = start + slopes[:-1] * third, end - slopes[1:] * third
     return curves
@@ -202,7 +202,7 @@ SLOWER = 0.998  # a joint's jerk is lowered by this factor at a time
 TRIES = 60  # times that it is lowered at most
 
 
-def choose_jerks(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rises: ChartRate) -> ChartRate:
+def choose_jerks(acceleration_limits: LocalRate, jerk_limits: LocalRate | None, rises: LocalRate) -> LocalRate:
     """The jerks with which joints stop, shape (nv,), all finite [rad/s³ or m/s³].
 
     `rises` (nv,) are the least jerks that keep the velocities' limits.
@@ -215,8 +215,8 @@ def choose_jerks(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, 
 
 
 def separate_jerks(
-    velocity: ChartRate, acceleration: ChartRate, acceleration_limits: ChartRate, jerks: ChartRate, rises: ChartRate
-) -> ChartRate:
+    velocity: LocalRate, acceleration: LocalRate, acceleration_limits: LocalRate, jerks: LocalRate, rises: LocalRate
+) -> LocalRate:
     """Jerks (nv,), some of them a little lower, with which no two knots of `stop_motion` are close but not the same.
 
     In pieces that short the jerk of a curve is rounding. Where no such jerk is found, the one with the least rounding
@@ -248,7 +248,7 @@ def _add_jerk_times(knots: np.ndarray, velocity: float, acceleration: float, lim
 
 
 def stop_motion(
-    position: ChartPoint, velocity: ChartRate, acceleration: ChartRate, acceleration_limits: ChartRate, jerks: ChartRate
+    position: LocalPoint, velocity: LocalRate, acceleration: LocalRate, acceleration_limits: LocalRate, jerks: LocalRate
 ) -> Trajectory:
     """The motion to rest, without acceleration, each joint by itself, with positive and finite jerks (nv,).
 
@@ -260,8 +260,8 @@ def stop_motion(
     times = times[np.concatenate([[True], np.diff(times) > APART])]
     begins = zip(position, velocity, acceleration, phases, strict=True)
     states = [_states(times, float(x), float(v), float(a), spans) for x, v, a, spans in begins]
-    positions = cast(ChartPoints, np.column_stack([x for x, _ in states]))
-    velocities = cast(ChartRates, np.column_stack([v for _, v in states]))
+    positions = cast(LocalPoints, np.column_stack([x for x, _ in states]))
+    velocities = cast(LocalRates, np.column_stack([v for _, v in states]))
     positions[0], velocities[0] = position, velocity
     velocities[-1] = 0.0
     return Trajectory(times, positions, velocities)

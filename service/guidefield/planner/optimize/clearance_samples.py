@@ -34,7 +34,7 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
 from guidefield.robot.link_charges import link_bodies, surface_samples
-from guidefield.robot.model.joints import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalPoint, LocalPoints
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 POINTS_WEIGHT = 100.0  # sum of the weights of all points. Unrecorded
@@ -44,7 +44,7 @@ COARSER = 3  # one in this many of a link's points represents all against other 
 TOUCHED_WEIGHT = 8.0  # a point at which the certificate refused a motion counts as this many. A choice
 
 
-def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -> SampledRobot:
+def sampled_robot(problem: Problem, tables: DistanceTables, ends: LocalPoints) -> SampledRobot:
     """The moving links of a problem's robot as points, and the pairs of links that are kept apart.
 
     Bodies that stand still don't count, nor do pairs that the world doesn't test. Links that are within range of each
@@ -80,10 +80,10 @@ class TouchedPoint(ReadOnly):
 
 def touched_points(problem: Problem, verdict: Verdict) -> list[TouchedPoint]:
     """Find the closest points of the pair that a verdict refused, where it was judged, among obstacles at rest."""
-    if verdict.pair is None or verdict.chart_point is None or problem.scene.moves:
+    if verdict.pair is None or verdict.local_point is None or problem.scene.moves:
         return []
     world = problem.world
-    closest = clearance_at(world, problem.group.expand_from_chart(verdict.chart_point))
+    closest = clearance_at(world, problem.group.expand_from_local(verdict.local_point))
     of_kinds = (
         (closest.obstacle_pair, closest.pairs[1], closest.witness),
         (closest.self_pair, closest.pairs[0], closest.self_witness),
@@ -293,7 +293,7 @@ def samples_in_time(
     samples: int,
     settings: OptimizationSettings,
     sizes: np.ndarray,
-) -> tuple[MotionSamples, ChartPoints]:
+) -> tuple[MotionSamples, LocalPoints]:
     """As `clearance_samples`, of a motion that is no spline, among what moves; and control points (samples + 3, nv).
 
     There is one for each sample, and places are times [s].
@@ -305,13 +305,13 @@ def samples_in_time(
     placed = MotionSamples(np.arange(samples), middles, each, *counts, np.ones(samples))
     read_only(*placed)
     points = motion.evaluate(middles)[0]
-    return placed, cast(ChartPoints, np.concatenate([points, points[-3:]]))
+    return placed, cast(LocalPoints, np.concatenate([points, points[-3:]]))
 
 
 def _counts(
-    zs: ChartPoints, kept: tuple[float, float], clearance: float, settings: OptimizationSettings, *, in_time: bool
+    zs: LocalPoints, kept: tuple[float, float], clearance: float, settings: OptimizationSettings, *, in_time: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights, ranges and floors of samples between chart points over their sizes (s + 1, nv), each of shape (s,)."""
+    """Weights, ranges and floors of samples between coordinates over their sizes (s + 1, nv), each of shape (s,)."""
     steps = zs[1:] - zs[:-1]
     lengths = np.sqrt((steps * steps).sum(axis=1))
     total = max(float(lengths.sum()), 1e-300)
@@ -447,8 +447,8 @@ def keeps_distance(problem: Problem, motion: Trajectory, distance: float) -> boo
     return all(moving_distance(robot, moving, z, time, distance) >= distance for z, time in places)
 
 
-def kept_at(problem: Problem, robot: SampledRobot, z: ChartPoint, time: float) -> float:
-    """Distance from obstacles at a chart point (nv,) and a time [s], at most `FARTHEST` at the robot's size [m]."""
+def kept_at(problem: Problem, robot: SampledRobot, z: LocalPoint, time: float) -> float:
+    """Distance from obstacles at local coordinates (nv,) and a time [s], at most `FARTHEST` at the robot's size [m]."""
     z, most = np.ascontiguousarray(z), FARTHEST * problem.group.size
     at_rest = obstacle_distance(robot, distance_tables(problem.scene), z, most)
     if not problem.scene.moves:

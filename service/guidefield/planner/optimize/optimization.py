@@ -47,7 +47,7 @@ from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.joints import ChartPoints, ChartRate
+from guidefield.robot.model.joints import LocalPoints, LocalRate
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 MOST_STEPS = 20  # most looks that bring something at each weight: easy motions take four, a Fetch's twenty
@@ -80,7 +80,7 @@ def ends_of(problem: Problem, motion: Trajectory) -> tuple[End, End]:
     """The states in which a problem's motion begins and ends, where another one does."""
     start, end = motion.positions[0].copy(), motion.positions[-1].copy()
     rise = problem.start_acceleration
-    still = cast(ChartRate, np.zeros(problem.group.nv))
+    still = cast(LocalRate, np.zeros(problem.group.nv))
     return End(start, problem.start_rates.copy(), still if rise is None else rise.copy()), End(
         end, problem.end_rates.copy(), still
     )
@@ -155,7 +155,7 @@ def _pieces(motion: Trajectory, limits: MotionLimits, settings: OptimizationSett
     return int(np.clip(np.ceil(length / settings.piece), settings.least_pieces, settings.most_pieces))
 
 
-def _with_room(points: ChartPoints, limits: MotionLimits) -> ChartPoints:
+def _with_room(points: LocalPoints, limits: MotionLimits) -> LocalPoints:
     room = np.where(np.isfinite(limits.upper - limits.lower), INSIDE * (limits.upper - limits.lower), 0.0)
     within = points.copy()
     np.clip(points, limits.lower + room, limits.upper - room, out=within)
@@ -173,7 +173,7 @@ def load_of(spline: BSpline, limits: MotionLimits) -> float:
     return load
 
 
-def shortest_step(points: ChartPoints, limits: MotionLimits) -> float:
+def shortest_step(points: LocalPoints, limits: MotionLimits) -> float:
     """The length of pieces with which control points (n, nv) reach the limits of their ratios [s]."""
     first = np.diff(points, axis=0)
     second = np.diff(first, axis=0)
@@ -407,7 +407,7 @@ def least_time(problem: Problem, spline: BSpline) -> float:
     if not problem.cartesian_limits:
         return longest
     shares = np.linspace(0.0, 1.0, STRAIGHT_PIECES - 1)[1:-1, None]
-    inner = cast(ChartPoints, spline.start.position + shares * (spline.end.position - spline.start.position))
+    inner = cast(LocalPoints, spline.start.position + shares * (spline.end.position - spline.start.position))
     straight = BSpline.between(End.at_rest(spline.start.position), End.at_rest(spline.end.position), inner, 1.0)
     samples = LoadSamples.of(problem.cartesian_limits, straight.pieces, problem.group.nv)
     return max(longest, samples.mean(straight) * straight.duration)

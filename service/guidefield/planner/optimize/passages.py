@@ -5,7 +5,7 @@ Where the curve comes nearest to such a place, at the parameter s, it misses it 
     w / 2 · |m|²
 
 for each. As |m| is least at s, the derivative of s plays no part in the gradient. In Gauss and Newton's Hessian what a
-change of s makes up for counts for nothing either: with a = dm/ds, and A the derivative of m by the chart point, it is
+change of s makes up for counts for nothing either: with a = dm/ds, and A the derivative of m by coordinates, it is
 
     w Aᵀ (1 - a aᵀ / (|a|² + κ²)) A
 
@@ -33,7 +33,7 @@ from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRates
+from guidefield.robot.model.joints import LocalPoint, LocalPoints, LocalRates
 from guidefield.scene.guide_plane import GuidePlane
 
 SPACING = 0.25  # of samples about where a motion came nearest, in pieces
@@ -57,11 +57,11 @@ class PlanePlace:
     inset: float  # distance that the tip keeps from the polygon's edges [m]
 
     @classmethod
-    def through(cls, problem: Problem, plane: GuidePlane, z: ChartPoint) -> PlanePlace:
+    def through(cls, problem: Problem, plane: GuidePlane, z: LocalPoint) -> PlanePlace:
         """Where a path crosses a plane: the tip keeps a share of the guide's inset, or, if less, its own depth there.
 
         Args:
-            z: Chart point with the tip on it, shape (nv,).
+            z: Local coordinates with the tip on it, shape (nv,).
         """
         return cls(problem, plane, inset_at(problem, plane, problem.kinematics.tip_positions(z[None])[0]))
 
@@ -73,7 +73,7 @@ class PlanePlace:
         read_only(*rows)
         return TipPlane(self.problem.kinematics.tip, *rows)
 
-    def missed(self, zs: ChartPoints) -> np.ndarray:
+    def missed(self, zs: LocalPoints) -> np.ndarray:
         """As in `Place`, shape (n, 1 + edges)."""
         directions, offsets = self._heights
         missed: np.ndarray = (self.problem.kinematics.tip_positions(zs) - self.plane.flat.origin) @ directions - offsets
@@ -92,7 +92,7 @@ class PlanePlace:
         read_only(*rows)
         return rows
 
-    def rows(self, z: ChartPoint) -> np.ndarray:
+    def rows(self, z: LocalPoint) -> np.ndarray:
         """As in `Place`, shape (1 + edges, nv); zero for an edge that the tip is inside of."""
         rows: np.ndarray = self._heights[0].T @ self.problem.kinematics.tip_slopes(z)
         rows[1:][self.missed(z[None])[0, 1:] >= 0.0] = 0.0
@@ -110,12 +110,12 @@ class Place(Protocol):
     def tip_plane(self) -> TipPlane | None:
         """The same as kernels read it, if it is a plane that the tip crosses."""
 
-    def missed(self, zs: ChartPoints) -> np.ndarray:
-        """The misses of chart points (n, nv) from the place, shape (n, k): zero where they are there [m or rad]."""
+    def missed(self, zs: LocalPoints) -> np.ndarray:
+        """The misses of points (n, nv) from the place, shape (n, k): zero where they are there [m or rad]."""
         ...
 
-    def rows(self, z: ChartPoint) -> np.ndarray:
-        """The misses' derivative by the chart at a point (nv,), shape (k, nv); zero of one-sided ones that are zero."""
+    def rows(self, z: LocalPoint) -> np.ndarray:
+        """The misses' derivative by local coordinates z (nv,), shape (k, nv); zero of one-sided ones that are zero."""
         ...
 
 
@@ -124,7 +124,7 @@ class Passage(ReadOnly):
     """A place to pass, and where a path that was found does."""
 
     place: Place
-    waypoint: ChartPoint  # a chart point of the path there, shape (nv,) [rad or m]
+    waypoint: LocalPoint  # local coordinates of the path there, shape (nv,) [rad or m]
 
 
 def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int, sizes: np.ndarray) -> tuple[float, ...]:
@@ -243,7 +243,7 @@ def _move_onto(place: Place, spline: BSpline, at: float, sizes: np.ndarray) -> t
 
 def with_knots(
     spline: BSpline, places: Sequence[float]
-) -> tuple[tuple[np.ndarray, ChartPoints, ChartRates], tuple[int, ...]]:
+) -> tuple[tuple[np.ndarray, LocalPoints, LocalRates], tuple[int, ...]]:
     """A motion's knots as `BSpline.knots` has them, with one at each place; and which of them are at the places.
 
     Returns:

@@ -106,7 +106,7 @@ def of_many(settings: OptimizationSettings) -> OptimizationSettings:
     """For a motion of many coordinates.
 
     One of Newton's steps takes work with their third power, and a look at the clearance with their second; a chain's
-    length in the chart grows with them, too, though its shape needs no more pieces. By the thesis' tapered passage and
+    length in them grows with their number, though its shape needs no more pieces. By the thesis' tapered passage and
     its tubes, for chains of 12 and 24 links: with 64 pieces the optimisation takes two to three times as long, for
     motions that are 2 % shorter to 6 % longer and keep 3 mm more to 17 less; with 12 some are refused at first. With
     longer steps up to twice as many looks are taken, as most prove too long; with more of them between two looks

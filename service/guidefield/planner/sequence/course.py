@@ -174,7 +174,7 @@ def _measure_gaps(holding: HeldSpan, trajectory: Trajectory) -> Iterator[tuple[f
             continue
         times = np.linspace(begin, end, max(2, int(np.ceil((end - begin) * rate)) + 1))
         for time, z in zip(times.tolist(), trajectory.evaluate(times)[0], strict=True):
-            q = world.group.expand_from_chart(z)
+            q = world.group.expand_from_local(z)
             world.place(q)
             yield time, min(measure(world, pair, time)[0] for pair in pairs)
 

@@ -27,7 +27,7 @@ from guidefield.planner.sequence.stretches import whole_configuration
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
-from guidefield.robot.model.joints import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import LocalPoint, LocalPoints
 
 ENOUGH = 2  # this many configurations with a future are enough for a step, those nearest to its start
 BRANCHES = 3  # configurations of a later step that are tried
@@ -76,7 +76,7 @@ def keep_possible_goals(course: Course[S], index: int, at: S, motion: StepMotion
         assert goals is not None, "a plane is no choice"
         kept = _filter_goals(course, index, at, problem, goals, search)
         if kept:
-            chosen = ConfigurationGoal(tuple(problem.group.from_chart(z) for z in kept))
+            chosen = ConfigurationGoal(tuple(problem.group.from_local(z) for z in kept))
             return dataclasses.replace(problem, goal=chosen)
         if not isinstance(problem.goal, TipGoal) or problem.deadline.expired():
             break
@@ -85,11 +85,11 @@ def keep_possible_goals(course: Course[S], index: int, at: S, motion: StepMotion
 
 
 def _filter_goals(
-    course: Course[S], index: int, at: S, problem: Problem, goals: ChartPoints, search: _LookAhead
-) -> list[ChartPoint]:
-    kept: list[ChartPoint] = []
+    course: Course[S], index: int, at: S, problem: Problem, goals: LocalPoints, search: _LookAhead
+) -> list[LocalPoint]:
+    kept: list[LocalPoint] = []
     for z in _sort_by_distance(problem, goals):
-        after = course.after(index, at, whole_configuration(problem.group, problem.group.from_chart(z)), math.inf)
+        after = course.after(index, at, whole_configuration(problem.group, problem.group.from_local(z)), math.inf)
         search.looks = 0
         if _is_possible(course, index + 1, after, search):
             kept.append(z)
@@ -98,10 +98,10 @@ def _filter_goals(
     return kept
 
 
-def _sort_by_distance(problem: Problem, zs: ChartPoints) -> list[ChartPoint]:
+def _sort_by_distance(problem: Problem, zs: LocalPoints) -> list[LocalPoint]:
     away = [problem.group.unwrapped(z, problem.z_start) - problem.z_start for z in zs]
     order = np.argsort(np.linalg.norm(np.array(away) / problem.group.units, axis=1), kind="stable")
-    return [cast(ChartPoint, zs[index]) for index in order]
+    return [cast(LocalPoint, zs[index]) for index in order]
 
 
 def _is_possible(course: Course[S], index: int, at: S, search: _LookAhead) -> bool:
@@ -121,19 +121,19 @@ def _is_possible(course: Course[S], index: int, at: S, search: _LookAhead) -> bo
         _is_possible(
             course,
             index + 1,
-            course.after(index, at, whole_configuration(group, group.from_chart(z)), math.inf),
+            course.after(index, at, whole_configuration(group, group.from_local(z)), math.inf),
             search,
         )
         for z in ends
     )
 
 
-def _find_ends(motion: StepMotion, index: int, search: _LookAhead) -> list[ChartPoint] | None:
+def _find_ends(motion: StepMotion, index: int, search: _LookAhead) -> list[LocalPoint] | None:
     """Configurations in which a step may end; None if they aren't known before it is planned."""
     problem = motion.problem
     if motion.way is None and (problem.guide_planes or isinstance(problem.goal, LastPlaneGoal)):
         return None
-    found: list[ChartPoint] | Ending
+    found: list[LocalPoint] | Ending
     if motion.way is not None:
         found = _find_straight_end(problem, motion.way)
     elif isinstance(problem.goal, TipGoal):
@@ -147,19 +147,19 @@ def _find_ends(motion: StepMotion, index: int, search: _LookAhead) -> list[Chart
     return found
 
 
-def _find_straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Ending:
+def _find_straight_end(problem: Problem, way: StraightWay) -> list[LocalPoint] | Ending:
     path, stop = follow_way(problem, way)
     if stop is not None:
         return make_stop_ending(problem, way, stop)
     touching = next((z for z, touches in zip(path, _touch(problem, path), strict=True) if touches), None)
     if touching is None:
-        return [cast(ChartPoint, path[-1])]
-    pair = contacts_at(problem.world, problem.group.expand_from_chart(touching))[0].pair
+        return [cast(LocalPoint, path[-1])]
+    pair = contacts_at(problem.world, problem.group.expand_from_local(touching))[0].pair
     message = f"on the straight way {pair[0]} and {pair[1]} touch"
     return Ending(Status.INVALID_MOTION_PLAN, message, {"stage": "goal", "pair": list(pair)})
 
 
-def _find_reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
+def _find_reached(problem: Problem, target: PoseTarget) -> list[LocalPoint] | Ending:
     found = solve(
         problem.group,
         target,
@@ -171,20 +171,20 @@ def _find_reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | En
     )
     if found.solutions:
         return list(found.solutions)
-    expanded = [problem.group.expand_from_chart(z) for z in found.rejected]
+    expanded = [problem.group.expand_from_local(z) for z in found.rejected]
     met = blocking_pairs(problem.world, expanded, problem.min_clearance)
     return Ending(*explain_unreached(found, met), {"stage": "goal", **found.details, **met.details()})
 
 
-def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | Ending:
-    zs = _sort_by_distance(problem, np.array([problem.group.chart(q) for q in goal.configurations]))
+def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[LocalPoint] | Ending:
+    zs = _sort_by_distance(problem, np.array([problem.group.to_local(q) for q in goal.configurations]))
     free = [z for z, touches in zip(zs, _touch(problem, zs), strict=True) if not touches]
     if free:
         return free[:BRANCHES]
-    pair = contacts_at(problem.world, problem.group.expand_from_chart(zs[0]))[0].pair
+    pair = contacts_at(problem.world, problem.group.expand_from_local(zs[0]))[0].pair
     message = f"the goal is in collision: {pair[0]} and {pair[1]}"
     return Ending(Status.GOAL_IN_COLLISION, message, {"stage": "goal", "pair": list(pair)})
 
 
-def _touch(problem: Problem, zs: Iterable[ChartPoint]) -> np.ndarray:
-    return np.array(problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]), bool)
+def _touch(problem: Problem, zs: Iterable[LocalPoint]) -> np.ndarray:
+    return np.array(problem.world.in_collision_each([problem.group.expand_from_local(z) for z in zs]), bool)

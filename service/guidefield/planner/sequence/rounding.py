@@ -54,7 +54,7 @@ from guidefield.planner.task.stages import Stages
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.path_constraints import ConstrainedFrames, EvenTurn, PathConstraint, line, point
-from guidefield.robot.model.joints import ChartPoints
+from guidefield.robot.model.joints import LocalPoints
 
 PIECE_SHARE = 0.5  # length of a piece before the last subdivision, as a share of the smallest radius
 LEAST_PIECES = 16  # for each step
@@ -228,7 +228,7 @@ class CurveByLength:
         """[rad or m]."""
         return float(self.lengths[-1])
 
-    def at(self, lengths: np.ndarray) -> ChartPoints:
+    def at(self, lengths: np.ndarray) -> LocalPoints:
         """Points of the curve at lengths (k,): shape (k, nv)."""
         return self._motion.evaluate(np.interp(lengths, self.lengths, self._times))[0]
 
@@ -237,7 +237,7 @@ class CurveByLength:
 class RoundedPath(ReadOnly):
     """A path through rounded corners."""
 
-    path: ChartPoints  # its places, shape (n, nv)
+    path: LocalPoints  # its places, shape (n, nv)
     corners: tuple[tuple[int, int], ...]  # for each corner, where it begins and ends in `path`
 
 
@@ -262,7 +262,7 @@ def round_corners(
         count = first + len(bend) - 1
         corners.append((first, count))
         begin = right
-    return RoundedPath(cast(ChartPoints, np.concatenate(path)), tuple(corners))
+    return RoundedPath(cast(LocalPoints, np.concatenate(path)), tuple(corners))
 
 
 def _measure_reach(curve: CurveByLength, after: CurveByLength, goal: PassedGoal, radius: float) -> tuple[float, float]:
@@ -285,12 +285,12 @@ def _find_length_until(distances: np.ndarray, lengths: np.ndarray, within: float
     return min(most, float(lengths[k - 1] + share * (lengths[k] - lengths[k - 1])))
 
 
-def _space_evenly(curve: CurveByLength, begin: float, end: float, spacing: float) -> ChartPoints:
+def _space_evenly(curve: CurveByLength, begin: float, end: float, spacing: float) -> LocalPoints:
     count = max(2, math.ceil((end - begin) / spacing) + 1)
     return curve.at(np.linspace(begin, end, count))
 
 
-def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right: float, spacing: float) -> ChartPoints:
+def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right: float, spacing: float) -> LocalPoints:
     """Places of a corner, evenly spaced, its first on the one curve and its last on the other."""
     u = np.linspace(0.0, 1.0, FINE_PLACES + 1)
     meeting = curve.at(np.array([curve.length]))
@@ -298,7 +298,7 @@ def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right:
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(bend, axis=0), axis=1))]
     count = max(LEAST_PLACES, math.ceil(lengths[-1] / spacing)) + 1
     places = np.linspace(0.0, lengths[-1], count)
-    return cast(ChartPoints, np.column_stack([np.interp(places, lengths, column) for column in bend.T]))
+    return cast(LocalPoints, np.column_stack([np.interp(places, lengths, column) for column in bend.T]))
 
 
 SPACING = 0.03  # between places of the path that is timed, at most [rad or m]

@@ -51,7 +51,7 @@ from guidefield.planner.task.trace import Event, Note, Observer, PathRelaxed, St
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRates
+from guidefield.robot.model.joints import LocalPoint, LocalPoints, LocalRates
 
 KNOT_TOLERANCE = 1e-6  # times of permitted contacts become a knot's that is as close [s]: so much longer they may last
 
@@ -67,8 +67,8 @@ class StepResult(ReadOnly, Generic[S]):
     at: S
     span: tuple[float, float]  # when it begins and ends, its pause included [s]
     conditions: Conditions  # what the motion of all joints is judged by, where nothing may touch
-    # what the planner found, chart points of all joints, shape (n, nv); the start alone where nothing moves
-    path: ChartPoints
+    # what the planner found, local coordinates of all joints, shape (n, nv); the start alone where nothing moves
+    path: LocalPoints
     way: StraightWay | None = None
     straight: tuple[float, float] = (0.0, 0.0)  # from when to when it does [s]: not while a goal is passed
     problem: Problem | None = None  # what was planned; None where nothing moves
@@ -90,8 +90,8 @@ class SequencePlan(ReadOnly, Generic[S]):
     message: str
     details: dict[str, Any]  # the values that it speaks about; `step` is the index of the step that failed
     legs: tuple[StepResult[S], ...]
-    # chart points of all joints, shape (n, nv): of all steps, or of the one that failed as far as it went
-    path: ChartPoints
+    # local coordinates of all joints, shape (n, nv): of all steps, or of the one that failed as far as it went
+    path: LocalPoints
     # the certificate's judgements of the stretches; of a sequence that failed, of `path` alone
     verdicts: tuple[Verdict, ...]
     failed_at: S | None = None  # where everything was when the step began that failed; None where none did
@@ -123,7 +123,7 @@ class _SequencePlanning(Generic[S]):
     ) -> None:
         self._course, self._at, self._whole = course, start, whole
         self._deadline, self._observer = deadline, observer
-        self._composition = Composition(whole.chart(whole.q_origin))
+        self._composition = Composition(whole.to_local(whole.q_origin))
         self._legs: list[StepResult[S]] = []
         self._moved: list[_StepMotion] = []
         self._z = self._composition.z
@@ -162,8 +162,8 @@ class _SequencePlanning(Generic[S]):
             if made.status is not Status.SUCCESS or made.trajectory is None:
                 return self._failed(index, Ending(made.status, made.message, made.details), at, path, made.verdict)
             self._moved.append(_StepMotion(motion, made.trajectory, embedding))
-            self._z = cast(ChartPoint, embedding.points(made.trajectory.positions[-1:])[0])
-            q = whole_configuration(group, group.from_chart(made.trajectory.positions[-1]))
+            self._z = cast(LocalPoint, embedding.points(made.trajectory.positions[-1:])[0])
+            q = whole_configuration(group, group.from_local(made.trajectory.positions[-1]))
         way, problem = (None, None) if motion is None else (motion.way, motion.problem)
         now = self._composition.end
         self._legs.append(StepResult(index, at, (now, now), conditions, path, way, (now, now), problem))
@@ -213,10 +213,10 @@ class _SequencePlanning(Generic[S]):
             self._legs[first + k] = dataclasses.replace(leg, span=span, straight=straight, passed=distances[k])
 
     def _part(self, index: int, moved: _StepMotion) -> StepPart:
-        """The motion of a step in the chart of the first that it is joined with."""
+        """The motion of a step in local coordinates of the first that it is joined with."""
         shift = moved.embedding.shift - self._moved[0].embedding.shift
         motion = moved.trajectory
-        turned = Trajectory(motion.times, cast(ChartPoints, motion.positions + shift), motion.velocities)
+        turned = Trajectory(motion.times, cast(LocalPoints, motion.positions + shift), motion.velocities)
         radius, problem, first = self._course.passes(index), moved.motion.problem, self._moved[0].motion.problem
         if first.scene.moves:  # in the time of the whole
             world = World.build(problem.group, first.scene, problem.allowed_collisions)
@@ -315,7 +315,7 @@ class _SequencePlanning(Generic[S]):
             ending = Ending(ending.status, message, {**ending.details, "chosen_by": step})
         return self._failed(refused.index, ending, at, base[None], verdict)
 
-    def _failed(self, index: int, ending: Ending, at: S, path: ChartPoints, verdict: Verdict) -> SequencePlan[S]:
+    def _failed(self, index: int, ending: Ending, at: S, path: LocalPoints, verdict: Verdict) -> SequencePlan[S]:
         told = _name_step(index, ending)
         return SequencePlan(
             told.status,
@@ -372,8 +372,8 @@ def _snap_to_knots(time: float, knots: np.ndarray) -> float:
     return nearest if abs(nearest - time) <= KNOT_TOLERANCE else time
 
 
-def _make_standing_stretch(conditions: Conditions, index: int, z: ChartPoint, time: float) -> Stretch:
-    still = Trajectory(np.array([time]), z[None], cast(ChartRates, np.zeros((1, len(z)))))
+def _make_standing_stretch(conditions: Conditions, index: int, z: LocalPoint, time: float) -> Stretch:
+    still = Trajectory(np.array([time]), z[None], cast(LocalRates, np.zeros((1, len(z)))))
     (stretch,) = make_stretches(index, conditions, still, (time, time), (), None, (time, time))
     return stretch
 
@@ -394,8 +394,8 @@ class StepObserver:
     def _of_all(self, event: Event) -> Event:
         match event:
             case Step(q=q):
-                z = self.embedding.points(self.part.chart(q)[None])[0]
-                return dataclasses.replace(event, q=self.whole.from_chart(z), plane=None)
+                z = self.embedding.points(self.part.to_local(q)[None])[0]
+                return dataclasses.replace(event, q=self.whole.from_local(z), plane=None)
             case PathRelaxed(path=path):
                 return dataclasses.replace(event, path=self.embedding.points(path))
             case TreeGrown(trees=trees):

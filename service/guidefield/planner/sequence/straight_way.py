@@ -35,7 +35,7 @@ from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
-from guidefield.robot.model.joints import TRANSLATION, ChartCurves, ChartPoint, ChartPoints, Joint
+from guidefield.robot.model.joints import TRANSLATION, Joint, LocalCurves, LocalPoint, LocalPoints
 from guidefield.robot.model.model import frame_index
 
 POINT = 1e-9  # on a way no longer than this the tip turns on the spot [m], if by more than this [rad]
@@ -124,7 +124,7 @@ class StraightStop(ReadOnly):
 
     share: float  # of the way, that it follows
     unreached: float  # share of the way at the next place, which it doesn't reach
-    z: ChartPoint  # chart point at the last place, shape (nv,)
+    z: LocalPoint  # local coordinates at the last place, shape (nv,)
 
 
 def make_stop_ending(problem: Problem, way: StraightWay, stop: StraightStop) -> Ending:
@@ -141,9 +141,9 @@ def format_rounded_down(value: float, unit: float) -> str:
 
 
 def bring_tip(
-    problem: Problem, z: ChartPoint, target: Any, reached: float = REACHED, *, limited: bool = True
-) -> ChartPoint | None:
-    """The chart point (nv,) next to another that brings the tip to a placement, pinocchio.SE3 [m, world].
+    problem: Problem, z: LocalPoint, target: Any, reached: float = REACHED, *, limited: bool = True
+) -> LocalPoint | None:
+    """The point (nv,) next to another that brings the tip to a placement, pinocchio.SE3 [m, world].
 
     None if none does. Newton's method with the least motion; a joint that a step would push beyond its limit stays
     there.
@@ -153,7 +153,7 @@ def bring_tip(
     lower, upper = (group.lower, group.upper) if limited else (-unlimited, unlimited)
     z = z.copy()
     for _ in range(STEPS):
-        q = group.expand_from_chart(z)
+        q = group.expand_from_local(z)
         placed = kinematics.frame_placement(q, group.tip_id)
         error = np.concatenate([target.translation - placed.translation, pin.log3(target.rotation @ placed.rotation.T)])
         if np.abs(error).max() <= reached:
@@ -162,7 +162,7 @@ def bring_tip(
     return None
 
 
-def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> ChartPoint:
+def _step(z: LocalPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalPoint:
     free = np.ones(len(z), bool)
     step = np.zeros(len(z))
     for _ in range(len(z)):
@@ -174,7 +174,7 @@ def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndar
         if not pushed.any():
             break
         free &= ~pushed
-    return cast(ChartPoint, np.clip(z + step, lower, upper))
+    return cast(LocalPoint, np.clip(z + step, lower, upper))
 
 
 def _find_cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
@@ -195,7 +195,7 @@ def _find_cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple
     return "singular", "the arm is at a singular configuration: it would have to fold over to go on", {}
 
 
-def _find_limit(problem: Problem, beyond: ChartPoint) -> tuple[Joint, float, float, float, str] | None:
+def _find_limit(problem: Problem, beyond: LocalPoint) -> tuple[Joint, float, float, float, str] | None:
     """The joint that would have to go farthest beyond a limit, that limit, both limits and unit; None if none."""
     group = problem.group
     excess = np.maximum(group.lower - beyond, beyond - group.upper) / group.units
@@ -233,7 +233,7 @@ class Deviation(NamedTuple):
 
 
 def certify_straight(
-    way: StraightWay, group: PlanningGroup, turns: np.ndarray, pieces: ChartCurves, deadline: Deadline = UNLIMITED
+    way: StraightWay, group: PlanningGroup, turns: np.ndarray, pieces: LocalCurves, deadline: Deadline = UNLIMITED
 ) -> Verdict:
     """Judge whether a frame keeps to its straight way along a motion, Bezier control points (m, k, nv)."""
     frame = _Frame(way, group, turns)
@@ -245,7 +245,7 @@ def certify_straight(
             index, start, _, control = batch[0]
             return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
         evaluations += len(batch)
-        halves: list[tuple[int, float, float, ChartPoints]] = []
+        halves: list[tuple[int, float, float, LocalPoints]] = []
         for place, bound in enumerate(frame.bounds([one[-1] for one in batch])):
             if bound.within(way):
                 continue
@@ -272,13 +272,13 @@ class _Frame:
         self._data = group.model.createData()
         self._widths = np.abs(group.expand_velocity)
 
-    def place_frame(self, z: ChartPoint) -> tuple[Any, np.ndarray]:
-        model, q = self._group.model, self._group.expand_from_chart(z)
+    def place_frame(self, z: LocalPoint) -> tuple[Any, np.ndarray]:
+        model, q = self._group.model, self._group.expand_from_local(z)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobian = pin.computeFrameJacobian(model, self._data, q, self._frame, axes).reshape(6, -1)
         return pin.updateFramePlacement(model, self._data, self._frame).copy(), jacobian
 
-    def off(self, z: ChartPoint) -> Deviation:
+    def off(self, z: LocalPoint) -> Deviation:
         return self._off(self.place_frame(z)[0])
 
     def _off(self, placement: Any) -> Deviation:
@@ -287,12 +287,12 @@ class _Frame:
         beyond = max(-share, share - 1.0, 0.0) * way.length
         return Deviation(float(np.linalg.norm(way.sideways(placement))), beyond, way.turned(placement))
 
-    def bounds(self, controls: Sequence[ChartPoints]) -> list[Deviation]:
+    def bounds(self, controls: Sequence[LocalPoints]) -> list[Deviation]:
         """Bounds of the frame's deviation from its way on each of some Bezier curves, control points (k, nv)."""
         way, curves = self._way, np.array(controls)
         low, high = curves.min(axis=1), curves.max(axis=1)
         middles, e = 0.5 * (low + high), 0.5 * (high - low) @ self._widths.T
-        placements, each = zip(*(self.place_frame(cast(ChartPoint, z)) for z in middles), strict=True)
+        placements, each = zip(*(self.place_frame(cast(LocalPoint, z)) for z in middles), strict=True)
         jacobians = np.array(each)
         moves = (curves - middles[:, None]) @ (jacobians @ self._group.expand_velocity).swapaxes(1, 2)
         shifts, rotations = np.split(moves, 2, axis=2)
@@ -385,8 +385,8 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
 
 def follow_way(
     problem: Problem, way: StraightWay, places: int | None = None
-) -> tuple[ChartPoints, StraightStop | None]:
-    """Chart points (n, nv) with the tip at places of the way, evenly spaced, and closer where joints move much.
+) -> tuple[LocalPoints, StraightStop | None]:
+    """Local coordinates (n, nv) with the tip at places of the way, evenly spaced, and closer where joints move much.
 
     Where it goes no further, or time is up, those before and the place at which it ends.
     """
@@ -414,7 +414,7 @@ def _choose_places(way: StraightWay) -> int:
     return min(math.ceil(wanted), MOST_PLACES)
 
 
-def _certify_straightness(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
+def _certify_straightness(problem: Problem, way: StraightWay, pieces: LocalCurves) -> Verdict:
     return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.deadline)
 
 
@@ -425,7 +425,7 @@ def _find_stop_ending(problem: Problem, where: str) -> Ending | None:
     return Ending(status, f"{end_reason(status)} along the straight way: {where}", {"stage": "connect"})
 
 
-def _make_failed_plan(problem: Problem, path: ChartPoints, ending: Ending, stages: Stages) -> Plan:
+def _make_failed_plan(problem: Problem, path: LocalPoints, ending: Ending, stages: Stages) -> Plan:
     pieces = np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else np.repeat(path[None], 2, axis=1)
     verdict = find_enclosed_start(problem, path[0]) or certify(problem.world, pieces, problem.min_clearance)
     return Plan(

@@ -34,11 +34,11 @@ from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.joints import (
-    ChartPoint,
-    ChartPoints,
-    ChartRate,
-    ChartRates,
     Configuration,
+    LocalPoint,
+    LocalPoints,
+    LocalRate,
+    LocalRates,
     RobotConfiguration,
 )
 from guidefield.robot.model.mimic_joints import follow
@@ -46,15 +46,15 @@ from guidefield.robot.model.mimic_joints import follow
 
 @dataclass(frozen=True, eq=False)
 class Embedding(ReadOnly):
-    """The chart of some joints within that of more of them, while the others stand still."""
+    """Local coordinates of some joints among those of more, while the others stand still."""
 
-    base: ChartPoint  # where all joints are when the step begins, shape (n,) [rad or m]
+    base: LocalPoint  # where all joints are when the step begins, shape (n,) [rad or m]
     columns: np.ndarray  # where the step's coordinates stand among all, shape (k,)
     shift: np.ndarray  # whole turns by which all joints' angles are beyond the step's, shape (k,) [rad]
 
     @classmethod
-    def of(cls, part: PlanningGroup, z_start: ChartPoint, whole: PlanningGroup, base: ChartPoint) -> Embedding:
-        """The embedding of a group that begins at a chart point (k,), where all joints are at another (n,)."""
+    def of(cls, part: PlanningGroup, z_start: LocalPoint, whole: PlanningGroup, base: LocalPoint) -> Embedding:
+        """The embedding of a group that begins at local coordinates (k,), where all joints are at another (n,)."""
         at = {joint.name: joint for joint in whole.joints}
         columns = np.concatenate(
             [np.arange(at[joint.name].idx_v, at[joint.name].idx_v + joint.nv) for joint in part.joints]
@@ -62,17 +62,17 @@ class Embedding(ReadOnly):
         turns = np.where(part.periods > 0.0, np.round((base[columns] - z_start) / np.maximum(part.periods, 1.0)), 0.0)
         return cls(base, columns, turns * part.periods)
 
-    def points(self, zs: ChartPoints) -> ChartPoints:
-        """Chart points of all joints, shape (m, n), of the step's, shape (m, k)."""
+    def points(self, zs: LocalPoints) -> LocalPoints:
+        """Local coordinates of all joints, shape (m, n), of the step's, shape (m, k)."""
         points = np.repeat(self.base[None], len(zs), axis=0)
         points[:, self.columns] = zs + self.shift
-        return cast(ChartPoints, points)
+        return cast(LocalPoints, points)
 
-    def rates(self, rates: ChartRates) -> ChartRates:
+    def rates(self, rates: LocalRates) -> LocalRates:
         """Rates of all joints, shape (m, n), of the step's, shape (m, k)."""
         embedded = np.zeros((len(rates), len(self.base)))
         embedded[:, self.columns] = rates
-        return cast(ChartRates, embedded)
+        return cast(LocalRates, embedded)
 
 
 def whole_configuration(group: PlanningGroup, q: Configuration) -> RobotConfiguration:
@@ -90,13 +90,13 @@ class Composition:
     """A trajectory of all joints that grows at its end.
 
     Args:
-        z: Where it begins, a chart point, shape (n,).
+        z: Where it begins, local coordinates, shape (n,).
     """
 
-    def __init__(self, z: ChartPoint) -> None:
+    def __init__(self, z: LocalPoint) -> None:
         self._times = [0.0]
-        self._positions: list[ChartPoint] = [z]
-        self._velocities: list[ChartRate] = [cast(ChartRate, np.zeros(len(z)))]
+        self._positions: list[LocalPoint] = [z]
+        self._velocities: list[LocalRate] = [cast(LocalRate, np.zeros(len(z)))]
 
     @property
     def end(self) -> float:
@@ -104,8 +104,8 @@ class Composition:
         return self._times[-1]
 
     @property
-    def z(self) -> ChartPoint:
-        """Its last chart point, shape (n,)."""
+    def z(self) -> LocalPoint:
+        """Local coordinates of its end, shape (n,)."""
         return self._positions[-1]
 
     def move(self, motion: Trajectory, embedding: Embedding) -> list[float]:
@@ -121,7 +121,7 @@ class Composition:
         if until > self.end:
             self._times.append(until)
             self._positions.append(self.z)
-            self._velocities.append(cast(ChartRate, np.zeros(len(self.z))))
+            self._velocities.append(cast(LocalRate, np.zeros(len(self.z))))
 
     def trajectory(self) -> Trajectory:
         """As it is by now."""
@@ -260,7 +260,7 @@ class PassedGoal(ReadOnly):
     """The goal of a step that is passed."""
 
     problem: Problem
-    z: ChartPoint  # where it would end, a chart point, shape (nv,)
+    z: LocalPoint  # where it would end, local coordinates, shape (nv,)
     radius: float  # how far from there its way may be left [m, rad]
 
     @property
@@ -278,8 +278,8 @@ class PassedGoal(ReadOnly):
         """The tip's placement at the goal, a pinocchio.SE3 [m, world]."""
         return self._tip(self.z)
 
-    def distances(self, zs: ChartPoints) -> np.ndarray:
-        """Distances of chart points (k, nv) from the goal, shape (k,).
+    def distances(self, zs: LocalPoints) -> np.ndarray:
+        """Distances of local coordinates (k, nv) from the goal, shape (k,).
 
         For a pose how far the tip is away [m] or turned [rad], whichever is more; else of the joint that is farthest
         [rad or m].
@@ -290,8 +290,8 @@ class PassedGoal(ReadOnly):
         here = self.placement
         return np.array([_distances(here, self._tip(z)) for z in zs])
 
-    def missed(self, zs: ChartPoints) -> np.ndarray:
-        """Distances of chart points (k, nv) beyond the radius, as a place that a motion passes.
+    def missed(self, zs: LocalPoints) -> np.ndarray:
+        """Distances of local coordinates (k, nv) beyond the radius, as a place that a motion passes.
 
         Of a pose how far the tip is away and turned, shape (k, 2); else each coordinate, shape (k, nv).
         """
@@ -302,20 +302,20 @@ class PassedGoal(ReadOnly):
             apart = np.array([_differences(here, self._tip(z)) for z in zs])
         return np.maximum(apart - INSIDE * self.radius, 0.0)
 
-    def rows(self, z: ChartPoint) -> np.ndarray:
-        """The derivative of `missed` by the chart at a point (nv,), shape (2, nv) or (nv, nv)."""
+    def rows(self, z: LocalPoint) -> np.ndarray:
+        """The derivative of `missed` by local coordinates z (nv,), shape (2, nv) or (nv, nv)."""
         missed = self.missed(z[None])[0]
         if not self.is_of_tip:
             return np.diag(np.where(missed > 0.0, np.sign(z - self.z), 0.0))
         group, here, there = self.problem.group, self.placement, self._tip(z)
-        J = self.problem.kinematics.tip_jacobian(group.expand_from_chart(z)) @ group.tangent_map(z)
+        J = self.problem.kinematics.tip_jacobian(group.expand_from_local(z)) @ group.tangent_map(z)
         away, turned = there.translation - here.translation, pin.log3(there.rotation @ here.rotation.T)
         sizes = np.maximum([np.linalg.norm(away), np.linalg.norm(turned)], 1e-300)
         return np.where(missed[:, None] > 0.0, np.array([away @ J[:3], turned @ J[3:]]) / sizes[:, None], 0.0)
 
-    def _tip(self, z: ChartPoint) -> pin.SE3:
+    def _tip(self, z: LocalPoint) -> pin.SE3:
         group = self.problem.group
-        return self.problem.kinematics.frame_placement(group.expand_from_chart(z), group.tip_id)
+        return self.problem.kinematics.frame_placement(group.expand_from_local(z), group.tip_id)
 
 
 def _distances(one: pin.SE3, other: pin.SE3) -> float:
@@ -329,7 +329,7 @@ def _differences(one: pin.SE3, other: pin.SE3) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class StepPart:
-    """The motion of one step among those that are joined, all in the chart of the first."""
+    """The motion of one step among those that are joined, all in local coordinates of the first."""
 
     problem: Problem
     motion: Trajectory  # its motion, from rest to rest, which begins where the one before ends
@@ -369,7 +369,7 @@ def find_slowest(parts: Sequence[StepPart]) -> Problem:
     least = None
     if efforts:
         lowest = np.min([one.limits for one in efforts], axis=0)
-        least = dataclasses.replace(efforts[0], limits=cast(ChartRate, lowest))
+        least = dataclasses.replace(efforts[0], limits=cast(LocalRate, lowest))
     return dataclasses.replace(first, group=group, cartesian_limits=limits, effort_limit=least)
 
 

@@ -25,7 +25,7 @@ from guidefield.planner.task.motion_limits import KEPT_SHARE, CurveLimits, Reach
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
-from guidefield.robot.model.joints import ChartPoints, ChartRate, ChartRates, JointKind
+from guidefield.robot.model.joints import JointKind, LocalPoints, LocalRate, LocalRates
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s², world]
 BOUND_ACCURACY = 1e-2  # a bound of a torque is above the found value by at most this share of the limit
@@ -116,7 +116,7 @@ def stated_efforts(group: PlanningGroup) -> np.ndarray:
     return limits
 
 
-def torques_of(tree: MassTree, zs: ChartPoints, rates: ChartRates, rises: ChartRates) -> np.ndarray:
+def torques_of(tree: MassTree, zs: LocalPoints, rates: LocalRates, rises: LocalRates) -> np.ndarray:
     """Torques (g, nv) at points, velocities and accelerations of shape (g, nv) [N m or N]."""
     found = np.empty((len(zs), zs.shape[1]))
     points, first, second = (np.ascontiguousarray(one, float) for one in (zs, rates, rises))
@@ -124,9 +124,9 @@ def torques_of(tree: MassTree, zs: ChartPoints, rates: ChartRates, rises: ChartR
     return found
 
 
-def holding_torques(tree: MassTree, zs: ChartPoints) -> np.ndarray:
+def holding_torques(tree: MassTree, zs: LocalPoints) -> np.ndarray:
     """Torques (g, nv) that hold a robot still at points (g, nv) [N m or N]."""
-    still = cast(ChartRates, np.zeros_like(zs))
+    still = cast(LocalRates, np.zeros_like(zs))
     return torques_of(tree, zs, still, still)
 
 
@@ -135,12 +135,12 @@ class EffortLimit(ReadOnly):
     """The limits of a motion's torques."""
 
     tree: MassTree
-    limits: ChartRate  # of each coordinate, shape (nv,); infinite where there is none [N m or N]
+    limits: LocalRate  # of each coordinate, shape (nv,); infinite where there is none [N m or N]
     names: tuple[str, ...]  # of the coordinates
 
     def scaled(self, share: float) -> EffortLimit:
         """As in `MotionLimit`."""
-        return replace(self, limits=cast(ChartRate, share * self.limits))
+        return replace(self, limits=cast(LocalRate, share * self.limits))
 
     @cached_property
     def limited(self) -> np.ndarray:
@@ -170,9 +170,9 @@ class EffortLimit(ReadOnly):
         fits = all(one.bound <= limit for one, limit in zip(reached, self.limits.tolist(), strict=True))
         return 0.0 if fits else SLOWING
 
-    def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
+    def along(self, points: LocalPoints, first: LocalRates, second: LocalRates) -> CurveLimits:
         """As in `MotionLimit`: of a limit there is what gravity leaves."""
-        still, at = cast(ChartRates, np.zeros_like(first)), self.limited
+        still, at = cast(LocalRates, np.zeros_like(first)), self.limited
         held = holding_torques(self.tree, points)
         on_u = torques_of(self.tree, points, still, first) - held
         on_x = torques_of(self.tree, points, first, second) - held
@@ -180,7 +180,7 @@ class EffortLimit(ReadOnly):
         below, above = (np.maximum(limits + side * held, LEAST_SHARE * limits) for side in (1.0, -1.0))
         return CurveLimits(np.full(len(points), np.inf), on_u[:, at], on_x[:, at], below, above)
 
-    def faults(self, zs: ChartPoints) -> list[EffortFault | None]:
+    def faults(self, zs: LocalPoints) -> list[EffortFault | None]:
         """At each point (g, nv) the joint that gravity takes farthest beyond its limit; None where it can be held."""
         shares = holding_torques(self.tree, zs) / self.limits
         worst = np.argmax(np.abs(shares), axis=1)
@@ -257,7 +257,7 @@ def measure_efforts(
     if isinstance(tree, str):
         return Efforts(tree)
     binding = np.full(group.nv, np.inf) if limit is None else limit.limits
-    limits = cast(ChartRate, np.where(np.isfinite(binding), binding, stated_efforts(group)))
+    limits = cast(LocalRate, np.where(np.isfinite(binding), binding, stated_efforts(group)))
     if not len(motion.powers):
         return Efforts("the motion goes nowhere")
     parts, works = list[list[Reached]](), list[float]()
@@ -271,7 +271,7 @@ def measure_efforts(
 
 
 def largest_efforts(
-    tree: MassTree, motion: MotionPolynomials, limits: ChartRate, binding: np.ndarray | None = None
+    tree: MassTree, motion: MotionPolynomials, limits: LocalRate, binding: np.ndarray | None = None
 ) -> tuple[list[Reached], float]:
     """The largest torque of each coordinate along a motion, and the work of all: taken or given back alike [J].
 
@@ -293,7 +293,7 @@ def _find_largest(
     return [Reached(row[FOUND], row[BOUND], row[TIME]) for row in found.tolist()], work
 
 
-def sample(motion: MotionPolynomials, count: int) -> tuple[ChartPoints, ChartRates, ChartRates]:
+def sample(motion: MotionPolynomials, count: int) -> tuple[LocalPoints, LocalRates, LocalRates]:
     """Points, velocities and accelerations at even places of each piece, its ends among them, each (n, nv)."""
     times = np.diff(motion.times)[:, None] * np.linspace(0.0, 1.0, count)
     powers, rows = motion.powers, []
@@ -302,4 +302,4 @@ def sample(motion: MotionPolynomials, count: int) -> tuple[ChartPoints, ChartRat
         exponents = np.maximum(np.arange(powers.shape[1]) - order, 0)
         rows.append(np.einsum("mtp,mpj->mtj", factors * times[..., None] ** exponents, powers))
     zs, rates, rises = (row.reshape(-1, powers.shape[2]) for row in rows)
-    return cast(ChartPoints, zs), cast(ChartRates, rates), cast(ChartRates, rises)
+    return cast(LocalPoints, zs), cast(LocalRates, rates), cast(LocalRates, rises)

@@ -36,7 +36,7 @@ from guidefield.kernels.timing.carried_rates import (
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, chain_of, group_joints
-from guidefield.robot.model.joints import ChartCurves, ChartPoints, ChartRates, JointKind
+from guidefield.robot.model.joints import JointKind, LocalCurves, LocalPoints, LocalRates
 
 ACCURACY = 1e-3  # share by which a bound may be above the largest value found: replies state it
 CLOSE_ACCURACY = 1e-6  # the same where a limit is between the two
@@ -66,7 +66,7 @@ class MotionLimit(Protocol):
     def stretch(self, motion: MotionPolynomials) -> float:
         """The factor by which the time of a motion has to be stretched, where it is above 1, to keep the limit."""
 
-    def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
+    def along(self, points: LocalPoints, first: LocalRates, second: LocalRates) -> CurveLimits:
         """Its bounds along a curve, by points, first and second derivatives, each of shape (g, nv)."""
 
 
@@ -119,7 +119,7 @@ class CartesianLimit(ReadOnly):
         speed, acceleration = self.measure(motion)
         return max(speed.bound / self.speed, math.sqrt(acceleration.bound / self.acceleration))
 
-    def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
+    def along(self, points: LocalPoints, first: LocalRates, second: LocalRates) -> CurveLimits:
         """As in `MotionLimit`.
 
         Limits of acceleration count along the way of the fastest point and across it, each for itself.
@@ -265,7 +265,7 @@ class CartesianUse:
         return message, {**details, "value": reached.bound, "most": most, "share": reached.bound / most}
 
 
-def polynomials_of(pieces: ChartCurves, times: np.ndarray) -> MotionPolynomials:
+def polynomials_of(pieces: LocalCurves, times: np.ndarray) -> MotionPolynomials:
     """Bezier curves (m, k, nv) by powers of time; each runs from one of the times (m + 1,) [s] to the next."""
     differences: np.ndarray = pieces
     spans, powers = np.diff(times)[:, None], []

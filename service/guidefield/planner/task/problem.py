@@ -26,7 +26,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
-from guidefield.robot.model.joints import ChartPoint, ChartRate, Configuration
+from guidefield.robot.model.joints import Configuration, LocalPoint, LocalRate
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
@@ -120,7 +120,7 @@ class Conditions(ReadOnly):
     allowed_collisions: frozenset[tuple[str, str]] = frozenset()
     leave_start_contact: bool = False  # whether the start may be in slight contact, which is left first
     # of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter
-    jerk_limits: ChartRate | None = None
+    jerk_limits: LocalRate | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
     execution: ControllerModel | None = None  # what a controller draws is judged instead of a plan; None: that itself
     cartesian_limits: tuple[CartesianLimit, ...] = ()
@@ -210,17 +210,17 @@ class Problem(Conditions):
     # rounds in which a connection is made shorter, and most steps of the optimisation; None: no rounds, and what the
     # optimisation takes; 0: the path that was found is only timed
     optimization_iterations: int | None = None
-    start_velocity: ChartRate | None = None  # with which the motion begins, shape (nv,); None: at rest, without one
-    start_acceleration: ChartRate | None = None
-    end_velocity: ChartRate | None = None  # with which it ends, shape (nv,); None: at rest
+    start_velocity: LocalRate | None = None  # with which the motion begins, shape (nv,); None: at rest, without one
+    start_acceleration: LocalRate | None = None
+    end_velocity: LocalRate | None = None  # with which it ends, shape (nv,); None: at rest
     objective: Objective = Objective.BALANCED
     seed: int = 0
     began: float = 0.0  # when its time 0 is, in the time of what was asked for [s]
 
     @cached_property
-    def z_start(self) -> ChartPoint:
-        """The start as a chart point, shape (nv,) [rad or m]."""
-        return self.group.chart(self.q_start)
+    def z_start(self) -> LocalPoint:
+        """The start as local coordinates, shape (nv,) [rad or m]."""
+        return self.group.to_local(self.q_start)
 
     @property
     def in_motion(self) -> bool:
@@ -228,17 +228,17 @@ class Problem(Conditions):
         return any(one is not None for one in (self.start_velocity, self.start_acceleration, self.end_velocity))
 
     @property
-    def start_rates(self) -> ChartRate:
+    def start_rates(self) -> LocalRate:
         """The velocities at the start, shape (nv,)."""
         return self._or_still(self.start_velocity)
 
     @property
-    def end_rates(self) -> ChartRate:
+    def end_rates(self) -> LocalRate:
         """The velocities at the end, shape (nv,)."""
         return self._or_still(self.end_velocity)
 
-    def _or_still(self, rates: ChartRate | None) -> ChartRate:
-        return cast(ChartRate, np.zeros(self.group.nv)) if rates is None else rates
+    def _or_still(self, rates: LocalRate | None) -> LocalRate:
+        return cast(LocalRate, np.zeros(self.group.nv)) if rates is None else rates
 
     @cached_property
     def lanes(self) -> BatchCollision:

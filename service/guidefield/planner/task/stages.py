@@ -55,8 +55,8 @@ def make_stopped_message(status: Status, plane: str, distance: float) -> str:
 def describe_refused_place(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
     """The details of a refusal by a verdict: pair, configuration, the joint that is beyond its limits."""
     details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
-    if verdict.chart_point is not None:
-        columns = group.wire_positions(verdict.chart_point)
+    if verdict.local_point is not None:
+        columns = group.wire_positions(verdict.local_point)
         details["configuration"] = dict(zip(group.position_names, columns, strict=True))
     if (fault := verdict.beyond) is not None:
         limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
@@ -71,7 +71,7 @@ def make_refusal(conditions: Conditions, verdict: Verdict) -> Ending:
     between = f" between {pair}" if verdict.pair else ""
     message = f"the certificate refused the motion: {verdict.reason.value}{between}"
     details = describe_refused_place(conditions.group, verdict)
-    if verdict.chart_point is None:
+    if verdict.local_point is None:
         return Ending(status, message, details)
     group = conditions.group
     if verdict.reason is Reason.STOPPED:
@@ -89,7 +89,7 @@ def make_refusal(conditions: Conditions, verdict: Verdict) -> Ending:
             f" can't be determined that {pair} {describe_kept(conditions.min_clearance)}"
         )
         return Ending(status, message, details)
-    distance = clearance_at(conditions.world, group.expand_from_chart(verdict.chart_point)).obstacle_distance
+    distance = clearance_at(conditions.world, group.expand_from_local(verdict.local_point)).obstacle_distance
     if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < conditions.min_clearance + SLACK:
         message = (
             f"no motion was found that keeps {1000 * conditions.min_clearance:.1f} mm from the obstacles; this one"

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.joints import ChartPoints, Configuration
+from guidefield.robot.model.joints import Configuration, LocalPoints
 
 
 @dataclass(frozen=True)
@@ -73,17 +73,17 @@ class Note:
 class TreeGrown:
     """The trees of a search when it ended, met or not."""
 
-    # gives, for each tree, its nodes in the order in which it grew, chart points, shape (n, nv), and the index of each
+    # gives, for each tree, its nodes in the order in which it grew, local coordinates (n, nv), and the index of each
     # one's parent, shape (n,); -1 for a root. A search takes microseconds: who looks pays, and looks while it is there,
     # as the next search begins in the same memory
-    trees: Callable[[], tuple[tuple[ChartPoints, np.ndarray], ...]]
+    trees: Callable[[], tuple[tuple[LocalPoints, np.ndarray], ...]]
 
 
 @dataclass(frozen=True, eq=False)
 class PathRelaxed(ReadOnly):
     """One accepted step of the optimisation."""
 
-    path: ChartPoints  # the whole path after it, chart points, shape (n, nv)
+    path: LocalPoints  # the whole path after it, local coordinates, shape (n, nv)
     objective: float  # what is descended (planner/optimize/optimization.py), dimensionless
 
 
@@ -115,9 +115,9 @@ class LoggedTrees(ReadOnly):
     """The trees of a search when it ended."""
 
     sizes: tuple[int, ...]
-    # the first `MAX_NODES` nodes of each: chart points, shape (n, nv), and the index of each one's parent, shape (n,);
+    # the first `MAX_NODES` nodes of each: local coordinates (n, nv), and the index of each one's parent, shape (n,);
     # -1 for a root
-    trees: tuple[tuple[ChartPoints, np.ndarray], ...]
+    trees: tuple[tuple[LocalPoints, np.ndarray], ...]
 
 
 LoggedEvent = StageEntered | StageLeft | Step | Note | LoggedTrees | PathRelaxed
@@ -233,7 +233,7 @@ def _log_event(event: Event) -> LoggedEvent:
     if not isinstance(event, TreeGrown):
         return event
     trees = event.trees()
-    first = tuple((cast(ChartPoints, points[:MAX_NODES]), parents[:MAX_NODES]) for points, parents in trees)
+    first = tuple((cast(LocalPoints, points[:MAX_NODES]), parents[:MAX_NODES]) for points, parents in trees)
     return LoggedTrees(tuple(len(points) for points, _ in trees), first)
 
 
@@ -242,11 +242,11 @@ def _unpack(kind: type[LoggedEvent], row: Any, array: Callable[[], np.ndarray]) 
         step, message, potential, plane = row
         return Step(StepKind(step), cast(Any, array()), message, potential, plane)
     if kind is LoggedTrees:
-        trees = tuple((cast(ChartPoints, array()), array().astype(int)) for _ in row)
+        trees = tuple((cast(LocalPoints, array()), array().astype(int)) for _ in row)
         return LoggedTrees(tuple(row), trees)
     if kind is PathRelaxed:
         objective, shown = row
-        return PathRelaxed(cast(ChartPoints, array() if shown else np.empty((0, 0))), objective)
+        return PathRelaxed(cast(LocalPoints, array() if shown else np.empty((0, 0))), objective)
     return kind(*row)
 
 

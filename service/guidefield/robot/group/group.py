@@ -26,24 +26,24 @@ from guidefield.robot.model.joints import (
     ROTATION,
     TRANSLATION,
     WIND,
-    ChartPoint,
-    ChartPoints,
-    ChartRate,
     Configuration,
     Joint,
     JointKind,
     LimitSource,
-    ModelChartPoint,
+    LocalPoint,
+    LocalPoints,
+    LocalRate,
     ModelConfiguration,
     ModelConfigurations,
+    ModelLocalPoint,
     RobotConfiguration,
     Tangent,
     WireRow,
-    from_chart,
+    from_local,
     position_names,
     random_rotation,
     tangent_map,
-    to_chart,
+    to_local,
     turn_otherwise,
     turn_quaternion,
     unit_quaternion,
@@ -83,7 +83,7 @@ moving base become less smooth and longer in time. The tree's mean time differs 
 
 
 def units_of(joints: Sequence[Joint], size: float) -> np.ndarray:
-    """Return the change in each chart coordinate of a robot's joints that counts as one radian, (nv,) [rad or m]."""
+    """Return the change in each local coordinate of a robot's joints that counts as one radian, (nv,) [rad or m]."""
     units = []
     for joint in joints:
         of_joint = np.ones(joint.nv)
@@ -105,8 +105,8 @@ class PlanningGroup:
     """A robot whose joints outside the group stand still.
 
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
-    planned one move with it. In the *chart* ``z`` (nv,), local coordinates joint by joint (`joints.py`), straight lines
-    and splines are drawn. Its methods convert between these spaces, see `joints.py`.
+    planned one move with it. In *local coordinates* ``z`` (nv,), joint by joint (`joints.py`), straight lines and
+    splines are drawn. Its methods convert between these spaces, see `joints.py`.
     """
 
     robot: RobotModel  # the whole robot
@@ -118,18 +118,20 @@ class PlanningGroup:
     tip_id: int  # its index in `model`
     # configuration of the whole robot, shape (robot.model.nq,), from which the others are taken
     q_reference: RobotConfiguration
-    q_origin: Configuration  # the planned joints' part of it, shape (nq,): where the chart's rotation vectors start
-    lower: ChartPoint  # chart limits, shape (nv,) [rad or m]; infinite where there are none
-    upper: ChartPoint
-    velocity_limits: ChartRate  # shape (nv,)
-    acceleration_limits: ChartRate
+    q_origin: Configuration  # the planned joints' part of it, shape (nq,): where rotation vectors start
+    lower: LocalPoint  # local limits, shape (nv,) [rad or m]; infinite where there are none
+    upper: LocalPoint
+    velocity_limits: LocalRate  # shape (nv,)
+    acceleration_limits: LocalRate
     expand_velocity: np.ndarray  # matrix (model.nv, nv) from this group's tangents to those of `model`
-    expand_offset: ModelChartPoint  # shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset
+    expand_offset: (
+        ModelLocalPoint  # shape (model.nv,): local coordinates of `model` are expand_velocity @ z + expand_offset
+    )
     places: np.ndarray  # where the planned joints' values stand in a configuration of the whole robot, shape (nq,)
     alike: Alike  # shared by groups that differ only in q_reference, q_origin, whole_turns and limits of rates
-    # whole turns that the wire adds to the chart's angles, shape (nv,) [rad]: where the start was given beyond (-pi,
+    # whole turns that the wire adds to local angles, shape (nv,) [rad]: where the start was given beyond (-pi,
     # pi]; None: none
-    whole_turns: ChartPoint | None = None
+    whole_turns: LocalPoint | None = None
 
     @cached_property
     def nq(self) -> int:
@@ -138,7 +140,7 @@ class PlanningGroup:
 
     @cached_property
     def nv(self) -> int:
-        """Length of a tangent, and of the chart."""
+        """Length of a tangent, and of local coordinates."""
         return int(self.space.nv)
 
     @property
@@ -158,22 +160,22 @@ class PlanningGroup:
 
     @cached_property
     def is_euclidean(self) -> bool:
-        """Whether chart velocities are the tangent's velocities: no planar, spherical or floating joint."""
+        """Whether local velocities are the tangent's velocities: no planar, spherical or floating joint."""
         return all(joint.nv == 1 for joint in self.joints)
 
     @cached_property
     def limited(self) -> bool:
-        """Whether any coordinate of the chart has a limit."""
+        """Whether any local coordinate has a limit."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
 
     @cached_property
     def units(self) -> np.ndarray:
-        """The change in each chart coordinate that counts as one radian, shape (nv,) [rad or m]: the group's metric."""
+        """The change in each local coordinate that counts as one radian, shape (nv,) [rad or m]: the group's metric."""
         return _scales(self)[0]
 
     @cached_property
     def sizes(self) -> np.ndarray:
-        """How many times as far as at size 1 each coordinate of the chart goes, shape (nv,): 1 for angles."""
+        """How many times as far as at size 1 each local coordinate goes, shape (nv,): 1 for angles."""
         return _scales(self)[1]
 
     @cached_property
@@ -183,7 +185,7 @@ class PlanningGroup:
 
     @cached_property
     def winds(self) -> np.ndarray:
-        """Which coordinates of the chart are angles without limits whose whole turns count, shape (nv,), bool."""
+        """Which local coordinates are angles without limits whose whole turns count, shape (nv,), bool."""
         return _scales(self)[3]
 
     def part_of(self, q_whole: RobotConfiguration) -> Configuration:
@@ -210,7 +212,7 @@ class PlanningGroup:
         """Return the configuration of `model`, shape (model.nq,), mimic joints included, of one of the group, (nq,)."""
         if self.space is self.model:
             return cast(ModelConfiguration, q)
-        z = self.expand_chart(self.chart(q))
+        z = self.expand_local(self.to_local(q))
         expanded = np.empty(self.model.nq)
         for at, at_v, planned in self._expanded:
             if planned is not None:
@@ -228,18 +230,18 @@ class PlanningGroup:
         joints = [(self.model.joints[index], self.model.names[index]) for index in range(1, self.model.njoints)]
         return tuple((_at_q(joint), joint.idx_v, planned.get(name)) for joint, name in joints)
 
-    def expand_from_chart(self, z: ChartPoint) -> ModelConfiguration:
-        """Return the configuration (model.nq,) of a chart point (nv,), with followers by unwrapped values."""
+    def expand_from_local(self, z: LocalPoint) -> ModelConfiguration:
+        """Return the configuration (model.nq,) of local coordinates (nv,), with followers by unwrapped values."""
         if self.space is self.model:
-            return cast(ModelConfiguration, self.from_chart(z))
-        expanded = self.expand_chart(z)
-        return np.concatenate([from_chart(joint, expanded[at], origin) for joint, at, origin in self._all_joints])
+            return cast(ModelConfiguration, self.from_local(z))
+        expanded = self.expand_local(z)
+        return np.concatenate([from_local(joint, expanded[at], origin) for joint, at, origin in self._all_joints])
 
-    def expand_each(self, zs: ChartPoints) -> ModelConfigurations:
-        """Return `expand_from_chart` of chart points (k, nv), shape (k, model.nq)."""
+    def expand_each(self, zs: LocalPoints) -> ModelConfigurations:
+        """Return `expand_from_local` of local coordinates (k, nv), shape (k, model.nq)."""
         if self.space is self.model and self.nq == self.nv:
             return cast(ModelConfigurations, zs)
-        expanded = np.array([self.expand_from_chart(z) for z in zs])
+        expanded = np.array([self.expand_from_local(z) for z in zs])
         return cast(ModelConfigurations, expanded.reshape(len(zs), self.model.nq))
 
     @cached_property
@@ -251,25 +253,25 @@ class PlanningGroup:
             joints.append((joint, slice(at.idx_v, at.idx_v + at.nv), origin[at.idx_q : at.idx_q + at.nq]))
         return tuple(joints)
 
-    def expand_chart(self, z: ChartPoint) -> ModelChartPoint:
-        """Return chart coordinates of `model`, shape (model.nv,), mimic joints included, of the group's, (nv,)."""
+    def expand_local(self, z: LocalPoint) -> ModelLocalPoint:
+        """Return local coordinates of `model`, shape (model.nv,), mimic joints included, of the group's, (nv,)."""
         if self.space is self.model:
-            return cast(ModelChartPoint, z)
-        expanded: ModelChartPoint = self.expand_velocity @ z + self.expand_offset
+            return cast(ModelLocalPoint, z)
+        expanded: ModelLocalPoint = self.expand_velocity @ z + self.expand_offset
         return expanded
 
-    def chart(self, q: Configuration) -> ChartPoint:
-        """Return chart coordinates (nv,) of q (nq,): angles in (-pi, pi], rotation vectors at most pi long."""
+    def to_local(self, q: Configuration) -> LocalPoint:
+        """Return local coordinates (nv,) of q (nq,): angles in (-pi, pi], rotation vectors at most pi long."""
         if self.nq == self.nv:
-            return cast(ChartPoint, q.copy())
-        parts = [to_chart(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
+            return cast(LocalPoint, q.copy())
+        parts = [to_local(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
         return np.concatenate(parts)
 
-    def from_chart(self, z: ChartPoint) -> Configuration:
-        """Return the configuration, shape (nq,), of chart coordinates, shape (nv,)."""
+    def from_local(self, z: LocalPoint) -> Configuration:
+        """Return the configuration, shape (nq,), of local coordinates, shape (nv,)."""
         if self.nq == self.nv:
             return np.array(z, float)
-        return np.concatenate([from_chart(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
+        return np.concatenate([from_local(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
 
     def clamped(self, q: Configuration) -> Configuration:
         """Return a copy of a configuration, shape (nq,), with every value brought within its limits."""
@@ -281,23 +283,23 @@ class PlanningGroup:
                 clamped[joint.idx_q] = min(max(q[joint.idx_q], joint.lower[0]), joint.upper[0])
         return clamped
 
-    def chart_path(self, qs: Sequence[Configuration], start: ChartPoint | None = None) -> ChartPoints:
-        """Return chart coordinates (n, nv) along configurations of shape (nq,), each unwrapped next to the one before.
+    def local_path(self, qs: Sequence[Configuration], start: LocalPoint | None = None) -> LocalPoints:
+        """Return local coordinates (n, nv) along configurations of shape (nq,), each unwrapped next to the one before.
 
         The first is near `start`, shape (nv,), if that is given.
         """
-        zs = [self.chart(qs[0]) if start is None else self.unwrapped(self.chart(qs[0]), start)]
+        zs = [self.to_local(qs[0]) if start is None else self.unwrapped(self.to_local(qs[0]), start)]
         for q in qs[1:]:
-            zs.append(self.unwrapped(self.chart(q), zs[-1]))
+            zs.append(self.unwrapped(self.to_local(q), zs[-1]))
         return np.array(zs)
 
-    def unwrapped(self, z: ChartPoint, near: ChartPoint) -> ChartPoint:
-        """Return chart coordinates of the same configuration as z nearest to `near`, both (nv,): whole turns added."""
+    def unwrapped(self, z: LocalPoint, near: LocalPoint) -> LocalPoint:
+        """Return local coordinates of the same configuration as z nearest to `near`, both (nv,): whole turns added."""
         if self.nq == self.nv:
             return z.copy()
         return np.concatenate([unwrap_near(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
 
-    def turned_otherwise(self, z: ChartPoint) -> ChartPoints:
+    def turned_otherwise(self, z: LocalPoint) -> LocalPoints:
         """Return the configuration of z (nv,) with each floating joint turned the other way round, shape (k, nv).
 
         A body that flies free may have to turn the long way.
@@ -307,18 +309,18 @@ class PlanningGroup:
             if joint.kind is JointKind.FLOATING:
                 ways.append(z.copy())
                 ways[-1][_at_v(joint)] = turn_otherwise(joint, z[_at_v(joint)])
-        return cast(ChartPoints, np.array(ways).reshape(-1, self.nv))
+        return cast(LocalPoints, np.array(ways).reshape(-1, self.nv))
 
-    def tangent_map(self, z: ChartPoint) -> np.ndarray:
-        """Return the matrix, shape (nv, nv), from chart velocities at z, shape (nv,), to tangent velocities."""
+    def tangent_map(self, z: LocalPoint) -> np.ndarray:
+        """Return the matrix, shape (nv, nv), from local velocities at z, shape (nv,), to tangent velocities."""
         matrix = np.zeros((self.nv, self.nv))
         for joint in self.joints:
             at = _at_v(joint)
             matrix[at, at] = tangent_map(joint, z[at], self.q_origin[_at_q(joint)])
         return matrix
 
-    def wire_positions(self, z: ChartPoint) -> WireRow:
-        """Return a chart point (nv,) as the wire's position columns: quaternions for rotations, unwrapped angles."""
+    def wire_positions(self, z: LocalPoint) -> WireRow:
+        """Return local coordinates (nv,) as the wire's columns: quaternions for rotations, unwrapped angles."""
         values: WireRow = self._turned(z).tolist()
         if self.is_euclidean:
             return values
@@ -333,12 +335,12 @@ class PlanningGroup:
 
     @cached_property
     def _wired(self) -> tuple[tuple[int, int, tuple[float, float, float, float] | None], ...]:
-        """Where each joint's chart coordinates stand, and where its rotation vectors start, if it has such."""
+        """Where each joint's local coordinates stand, and where its rotation vectors start, if it has such."""
         starts = (unit_quaternion(self.q_origin[_at_q(j)][-4:]) if j.kind in ROTATION else None for j in self.joints)
         return tuple((j.idx_v, j.idx_v + j.nv, start) for j, start in zip(self.joints, starts, strict=True))
 
-    def wire_rows(self, zs: ChartPoints) -> list[WireRow]:
-        """Return chart points (n, nv), each as `wire_positions` has it."""
+    def wire_rows(self, zs: LocalPoints) -> list[WireRow]:
+        """Return local coordinates (n, nv), each as `wire_positions` has it."""
         if self.is_euclidean:
             rows: list[WireRow] = self._turned(zs).tolist()
             return rows
@@ -347,8 +349,8 @@ class PlanningGroup:
     def _turned(self, zs: np.ndarray) -> np.ndarray:
         return zs if self.whole_turns is None else zs + self.whole_turns
 
-    def wire_path(self, zs: ChartPoints) -> list[WireRow]:
-        """Return chart points (n, nv), straight from each to the next, as rows of the wire's position columns.
+    def wire_path(self, zs: LocalPoints) -> list[WireRow]:
+        """Return local coordinates (n, nv), straight from each to the next, as rows of the wire's position columns.
 
         An orientation doesn't say which way it was turned to, and its reader takes the shorter one: points
         `LONGEST_TURN` or more apart have rows between them.
@@ -362,8 +364,8 @@ class PlanningGroup:
             rows.append(self.wire_positions(after))
         return rows
 
-    def turns(self, zs: ChartPoints) -> np.ndarray:
-        """Return the largest change of a joint's rotation vector between chart points (n, nv), shape (n - 1,) [rad]."""
+    def turns(self, zs: LocalPoints) -> np.ndarray:
+        """Return the largest change of a joint's rotation vector between points (n, nv), shape (n - 1,) [rad]."""
         found = np.zeros(max(0, len(zs) - 1))
         for joint in self.joints:
             if joint.kind in ROTATION:
@@ -377,7 +379,7 @@ class PlanningGroup:
         Angles without limits are drawn from one turn, or where whole turns count within `WIND` of the origin's;
         rotations from all, positions within `ROAM` of the origin's.
         """
-        origin = self.chart(self.q_origin)
+        origin = self.to_local(self.q_origin)
         middle, reach = np.where(self.winds, origin, 0.0), np.where(self.winds, WIND, np.pi)
         for joint in self.joints:
             lengths = np.arange(self.nv)[_at_v(joint)][TRANSLATION.get(joint.kind, slice(0, 0))]
@@ -387,7 +389,7 @@ class PlanningGroup:
         for joint in self.joints:
             if joint.kind in ROTATION:
                 z[_at_v(joint)][ROTATION[joint.kind]] = random_rotation(rng)
-        return self.from_chart(z)
+        return self.from_local(z)
 
     def starting_at(self, start: Positions) -> PlanningGroup:
         """Return the group with the whole turns of a start: the wire's angles begin at these values by joint name."""
@@ -403,7 +405,7 @@ class PlanningGroup:
         if not turns.any():
             return self
         read_only(turns)
-        return dataclasses.replace(self, whole_turns=cast(ChartPoint, turns))
+        return dataclasses.replace(self, whole_turns=cast(LocalPoint, turns))
 
     def with_limits(
         self,

@@ -26,7 +26,7 @@ from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import ChainToTip, chain_to_tip, without_limits
-from guidefield.robot.model.joints import WIND, ChartPoint, ChartPoints
+from guidefield.robot.model.joints import WIND, LocalPoint, LocalPoints
 
 EXACT = 1e-6  # a tolerance of zero, or any smaller than this, means this [m, rad]
 
@@ -90,12 +90,12 @@ class PoseSearch:
 
     Attributes:
         chain: The chain that moves the tip.
-        base: Chart point (nv,) that gives coordinates that don't move the tip, and near which whole turns are chosen.
+        base: A point (nv,) that gives coordinates that don't move the tip, and near which whole turns are chosen.
         closest: Excesses over the tolerances, translation and rotation vector, of the least error met, shape (6,).
     """
 
     def __init__(
-        self, group: PlanningGroup, target: PoseTarget, base: ChartPoint, chain: ChainToTip | None = None
+        self, group: PlanningGroup, target: PoseTarget, base: LocalPoint, chain: ChainToTip | None = None
     ) -> None:
         self.chain = chain_to_tip(group) if chain is None else chain
         self.base = base
@@ -116,8 +116,8 @@ class PoseSearch:
         """See the class: shape (6,)."""
         return self._closest[1:]
 
-    def draw(self, count: int, rng: np.random.Generator) -> ChartPoints:
-        """Draw chart points (count, nv), those nearest to the target first.
+    def draw(self, count: int, rng: np.random.Generator) -> LocalPoints:
+        """Draw local coordinates (count, nv), those nearest to the target first.
 
         What has no limits is within pi of 0, or within `WIND` of the base where it is an angle whose whole turns count.
         """
@@ -125,20 +125,20 @@ class PoseSearch:
         lower, upper = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
         lower = np.where(self._group.winds, self.base - WIND, lower)
         upper = np.where(self._group.winds, self.base + WIND, upper)
-        points: ChartPoints = rng.uniform(lower, upper, (count, len(lower)))
+        points: LocalPoints = rng.uniform(lower, upper, (count, len(lower)))
         points[:, ~self.chain.moving] = self.base[~self.chain.moving]
         squared = np.empty(count)
         kernels.squared_errors(self._table, self._tolerances, points, squared)
         return points[np.argsort(squared, kind="stable")]
 
-    def descend(self, starts: ChartPoints) -> ChartPoints:
+    def descend(self, starts: LocalPoints) -> LocalPoints:
         """Descend from starts (n, nv); return those ends (k, nv) within tolerances and limits, in the starts' order."""
         starts = np.ascontiguousarray(starts, float)
         ends, reached = np.empty_like(starts), np.zeros(len(starts), np.bool_)
         kernels.descend(self._table, self._tolerances, starts, ends, reached, self._closest)
         return ends[reached]
 
-    def near_base(self, points: ChartPoints) -> ChartPoints:
+    def near_base(self, points: LocalPoints) -> LocalPoints:
         """Return the same configurations (n, nv), moved by whole turns as near to the base as the limits let them."""
         turns = self.chain.turning
         if not len(turns):
@@ -150,7 +150,7 @@ class PoseSearch:
         near[:, turns] += period * np.minimum(np.maximum(np.rint((self.base[turns] - z) / period), least), most)
         return near
 
-    def turned(self, z: ChartPoint) -> list[np.ndarray]:
+    def turned(self, z: LocalPoint) -> list[np.ndarray]:
         """Return, for each coordinate of a point (nv,), the values in its limits that mean the same configuration.
 
         One where there are no limits: all whole turns are the same configuration then.
@@ -242,7 +242,7 @@ def why_unreached(
     return Unreached(cause, f"no solution from {tried}: {sentence}", values)
 
 
-def _turn_needed(group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng: np.random.Generator) -> float:
+def _turn_needed(group: PlanningGroup, target: PoseTarget, base: LocalPoint, rng: np.random.Generator) -> float:
     """Find how much more the tip must be allowed to turn about each axis until descents reach the place [rad]."""
     low, high = 0.0, np.pi
     for _ in range(SEARCH.why_halvings):
@@ -257,7 +257,7 @@ def _turn_needed(group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng
 
 
 def _limit_in_the_way(
-    group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng: np.random.Generator
+    group: PlanningGroup, target: PoseTarget, base: LocalPoint, rng: np.random.Generator
 ) -> tuple[str, dict[str, Any]] | None:
     """Find the limit in the way, in the solution for which limits have to give way least; a sentence, its values."""
     bounded = PoseSearch(group, target, base)
@@ -276,22 +276,22 @@ def _limit_in_the_way(
     return sentence, {"joint": joint.name, "value": float(z[worst]), "limits": limits}
 
 
-Accept = Callable[[ChartPoints], np.ndarray]
-"""Tells which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
+Accept = Callable[[LocalPoints], np.ndarray]
+"""Tells which of some local coordinates, shape (n, nv), may be solutions: shape (n,), bool."""
 
-Refine = Callable[[ChartPoints], ChartPoints]  # moves chart points, shape (n, nv), to others
+Refine = Callable[[LocalPoints], LocalPoints]  # moves local coordinates, shape (n, nv), to others
 
 
 @dataclass(frozen=True, eq=False)
 class IkResult(ReadOnly):
     """The solutions of inverse kinematics."""
 
-    # chart points (nv,) of distinct configurations in the limits and accepted; first those reached from the given
+    # local coordinates (nv,) of distinct configurations in the limits and accepted; first those reached from the given
     # starts, in their order, then each as far as can be from those before
-    solutions: tuple[ChartPoint, ...]
+    solutions: tuple[LocalPoint, ...]
     reason: str  # why there are fewer than asked for; else empty
     details: dict[str, Any] = field(default_factory=dict)  # the values in the reason
-    rejected: tuple[ChartPoint, ...] = ()  # those found that were not accepted
+    rejected: tuple[LocalPoint, ...] = ()  # those found that were not accepted
     cause: Cause | None = None  # the obstacle if nothing was found, not even something that was not accepted
     # whether nothing was accepted, the last starts led to nothing new, and all that was found is in `rejected`: the
     # same search with another rule for what is accepted finds the same
@@ -306,7 +306,7 @@ class IkResult(ReadOnly):
 def solve(
     group: PlanningGroup,
     target: PoseTarget,
-    starts: Sequence[ChartPoint],
+    starts: Sequence[LocalPoint],
     count: int,
     *,
     rng: np.random.Generator,
@@ -324,7 +324,7 @@ def solve(
     what is out of reach.
 
     Args:
-        starts: Chart points to start from, each of shape (nv,).
+        starts: Local coordinates to start from, each of shape (nv,).
         count: How many solutions to look for.
         rng: The same state gives the same solutions.
         refine: Moves configurations that reach the target, shape (n, nv), to better ones that do.
@@ -333,8 +333,8 @@ def solve(
         most: Random starts after which a pose counts as reachable only by what isn't accepted.
         deadline: Ends the search between rounds.
     """
-    given = cast(ChartPoints, np.array(starts).reshape(-1, group.nv))
-    base = given[0] if len(given) else group.chart(group.part_of(group.q_reference))
+    given = cast(LocalPoints, np.array(starts).reshape(-1, group.nv))
+    base = given[0] if len(given) else group.to_local(group.part_of(group.q_reference))
     search = PoseSearch(group, target, base)
     if (short := prove_out_of_reach(search.chain, target)) is not None:
         return IkResult.unreached(short)
@@ -375,14 +375,14 @@ class _Solution:
 
     def __init__(self, search: PoseSearch, refine: Refine | None, accept: Accept | None) -> None:
         self._measure, self._refine, self._accept = search.chain.measure, refine, accept
-        self.accepted = self.rejected = cast(ChartPoints, np.empty((0, len(search.base))))
+        self.accepted = self.rejected = cast(LocalPoints, np.empty((0, len(search.base))))
         self.fresh = 0
 
-    def add(self, ends: ChartPoints) -> None:
+    def add(self, ends: LocalPoints) -> None:
         before = len(self.accepted) + len(self.rejected)
         if self._refine is not None:
             known = np.concatenate([self.accepted, self.rejected])
-            ends = self._refine(cast(ChartPoints, self._with(known, ends)[len(known) :]))
+            ends = self._refine(cast(LocalPoints, self._with(known, ends)[len(known) :]))
         free = np.ones(len(ends), bool)
         if self._accept is not None and len(ends):
             free = self._accept(ends)
@@ -391,11 +391,11 @@ class _Solution:
             self.rejected = self._with(self.rejected, ends[~free])[: SEARCH.most_kept]
         self.fresh = len(self.accepted) + len(self.rejected) - before
 
-    def _with(self, known: ChartPoints, others: ChartPoints) -> ChartPoints:
+    def _with(self, known: LocalPoints, others: LocalPoints) -> LocalPoints:
         """Return distinct points (n, nv), and those of others (k, nv) that are like none before."""
         points = np.concatenate([known, others])
         kept = np.empty(len(points), np.int64)
-        distinct_ones: ChartPoints = points[kept[: distinct(self._measure, points, len(known), kept)]]
+        distinct_ones: LocalPoints = points[kept[: distinct(self._measure, points, len(known), kept)]]
         return distinct_ones
 
 
@@ -410,8 +410,8 @@ def _enough(found: _Solution, count: int, drawn: int, most: int) -> bool:
     return drawn >= SEARCH.round and not found.fresh
 
 
-def _choose(search: PoseSearch, points: ChartPoints, from_starts: int, nearest: bool, count: int) -> list[ChartPoint]:
-    """Choose some of chart points (n, nv), far from each other; then others that differ from these by whole turns.
+def _choose(search: PoseSearch, points: LocalPoints, from_starts: int, nearest: bool, count: int) -> list[LocalPoint]:
+    """Choose some of local coordinates (n, nv), far from each other; then others that differ from these by whole turns.
 
     The first `from_starts` are chosen anyway; without such the nearest to the base, if `nearest`.
     """

@@ -1,6 +1,6 @@
 """Forward kinematics of a planning group: placements, Jacobians, the chain to its tip, and its joints for kernels.
 
-Rates in the chart as tangents, all rows of a motion at once: what `PlanningGroup.tangent_map` says of one point.
+Local rates as tangents, all rows of a motion at once: what `PlanningGroup.tangent_map` says of one point.
 
 A tangent is T(z) z', and its rate of change T(z) z'' + T' z'. Of a rotation vector p with angle a = |p| the map is the
 right Jacobian of the exponential map, T x = x - f p x x + g p x (p x x) with f = (1 - cos a) / a^2 and
@@ -46,11 +46,11 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.joints import (
     ROTATION,
     TRANSLATION,
-    ChartPoint,
-    ChartPoints,
-    ChartRates,
     Joint,
     JointKind,
+    LocalPoint,
+    LocalPoints,
+    LocalRates,
     ModelConfiguration,
     Tangents,
 )
@@ -62,8 +62,8 @@ SERIES_BELOW = 0.25
 _TERMS = 6  # terms of these series
 
 
-def tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangents:
-    """Return tangents T(z) z', shape (n, nv), of rates or other rows (n, nv) at chart points (n, nv)."""
+def tangents(group: PlanningGroup, zs: LocalPoints, rates: LocalRates) -> Tangents:
+    """Return tangents T(z) z', shape (n, nv), of rates or other rows (n, nv) at local coordinates (n, nv)."""
     found = cast(Tangents, np.array(rates, float))
     if group.is_euclidean:
         return found
@@ -80,9 +80,9 @@ def tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangen
 
 
 def tangent_accelerations(
-    group: PlanningGroup, zs: ChartPoints, rates: ChartRates, accelerations: ChartRates
+    group: PlanningGroup, zs: LocalPoints, rates: LocalRates, accelerations: LocalRates
 ) -> Tangents:
-    """Return T(z) z'' + T' z', shape (n, nv), of chart points, rates and accelerations, each of shape (n, nv)."""
+    """Return T(z) z'' + T' z', shape (n, nv), of local coordinates, rates and accelerations, each of shape (n, nv)."""
     found = tangents(group, zs, accelerations)
     if group.is_euclidean:
         return found
@@ -103,7 +103,7 @@ def tangent_accelerations(
 
 
 def _rotation_columns(group: PlanningGroup) -> np.ndarray:
-    """Return the indices of the chart coordinates that are rotation vectors, shape (k, 3)."""
+    """Return the indices of the local coordinates that are rotation vectors, shape (k, 3)."""
     columns = [np.arange(j.idx_v, j.idx_v + j.nv)[ROTATION[j.kind]] for j in group.joints if j.kind in ROTATION]
     return np.array(columns, int).reshape(-1, 3)
 
@@ -112,7 +112,7 @@ def _slides(joint: Joint) -> slice:
     return slice(joint.idx_v, joint.idx_v + (2 if joint.kind is JointKind.PLANAR else 3))
 
 
-def _see_from(group: PlanningGroup, joint: Joint, zs: ChartPoints, rows: np.ndarray) -> np.ndarray:
+def _see_from(group: PlanningGroup, joint: Joint, zs: LocalPoints, rows: np.ndarray) -> np.ndarray:
     """Express translations (n, 2) or (n, 3) in the frame that a planar or floating joint has moved."""
     if joint.kind is JointKind.PLANAR:
         return _turn_back(zs[:, joint.idx_v + 2], rows)
@@ -171,8 +171,8 @@ class ChainToTip:
     """The part of a group that moves its tip."""
 
     table: TipChain  # the chain; its first placement is in the world
-    moving: np.ndarray  # which chart coordinates move the tip, shape (nv,)
-    measure: Measure  # how far chart points are from each other; one unit makes solutions distinct
+    moving: np.ndarray  # which local coordinates move the tip, shape (nv,)
+    measure: Measure  # how far local coordinates are from each other; one unit makes solutions distinct
     turning: np.ndarray  # coordinates that have room for more than a turn, shape (k,)
     reach: float  # the farthest that the tip can be from where the chain begins [m]
 
@@ -385,14 +385,14 @@ class Kinematics:
         position: np.ndarray = self.frame_placement(q, self.group.tip_id).translation
         return position
 
-    def tip_positions(self, zs: ChartPoints) -> np.ndarray:
-        """Return the tip's positions in the world, shape (k, 3) [m], at chart points of the group, shape (k, nv)."""
+    def tip_positions(self, zs: LocalPoints) -> np.ndarray:
+        """Return the tip's positions in the world, shape (k, 3) [m], at local coordinates (k, nv) of the group."""
         positions = np.empty((len(zs), 3))
         frame_positions(self.tip, np.ascontiguousarray(zs, float), positions)
         return positions
 
-    def tip_slopes(self, z: ChartPoint) -> np.ndarray:
-        """Return the derivative of the tip's position by the chart at a point (nv,), shape (3, nv) [m]."""
+    def tip_slopes(self, z: LocalPoint) -> np.ndarray:
+        """Return the derivative of the tip's position by local coordinates at a point (nv,), shape (3, nv) [m]."""
         slopes = np.empty((3, len(z)))
         frame_slopes(self.tip, np.ascontiguousarray(z, float), slopes)
         return slopes

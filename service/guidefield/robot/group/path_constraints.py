@@ -25,7 +25,7 @@ from guidefield.messages.values import Vector3
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import chain_to, lent_data
-from guidefield.robot.model.joints import ChartPoint
+from guidefield.robot.model.joints import LocalPoint
 from guidefield.robot.model.model import frame_index
 
 
@@ -190,7 +190,7 @@ def _unit(vector: Vector3, where: str) -> np.ndarray:
 
 
 class ConstrainedFrames:
-    """k constraints of a group with limits (k,) [rad or m], at chart points; owns scratch data (one per thread)."""
+    """k constraints of a group with limits (k,) [rad or m], at points (nv,); owns scratch data (one per thread)."""
 
     def __init__(self, group: PlanningGroup, constraints: tuple[PathConstraint, ...]) -> None:
         self.group = group
@@ -199,29 +199,29 @@ class ConstrainedFrames:
         self.indices = [_frame_id(group.model, constraint.frame) for constraint in constraints]
         self._data = lent_data(group, self)
 
-    def values(self, z: ChartPoint) -> np.ndarray:
-        """Return the constraints' numbers [rad or m] at a chart point (nv,), shape (k,)."""
+    def values(self, z: LocalPoint) -> np.ndarray:
+        """Return the constraints' numbers [rad or m] at local coordinates (nv,), shape (k,)."""
         return np.array([c.value(placed) for c, placed in zip(self.constraints, self.placements(z), strict=True)])
 
-    def values_and_rows(self, z: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
-        """Return the numbers at a chart point (nv,), shape (k,), and their derivatives by the chart, shape (k, nv)."""
+    def values_and_rows(self, z: LocalPoint) -> tuple[np.ndarray, np.ndarray]:
+        """Return the numbers at local coordinates (nv,), shape (k,), and their derivatives by these, shape (k, nv)."""
         placed, jacobians = self.placements(z), self.jacobians(z)
         map_to_tangent = self.group.expand_velocity @ self.group.tangent_map(z)
         values = np.array([c.value(T) for c, T in zip(self.constraints, placed, strict=True)])
         rows = [c.row(T) @ J @ map_to_tangent for c, T, J in zip(self.constraints, placed, jacobians, strict=True)]
         return values, np.array(rows)
 
-    def jacobians(self, z: ChartPoint) -> list[np.ndarray]:
+    def jacobians(self, z: LocalPoint) -> list[np.ndarray]:
         """Return Jacobians (6, model.nv) of the frames, linear rows first, in the world's axes, at a point (nv,)."""
-        model, q = self.group.model, self.group.expand_from_chart(z)
+        model, q = self.group.model, self.group.expand_from_local(z)
         return [
             pin.computeFrameJacobian(model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).reshape(6, -1)
             for frame in self.indices
         ]
 
-    def placements(self, z: ChartPoint) -> list[Any]:
-        """Return the placement in the world of each constraint's frame at a chart point (nv,), pinocchio.SE3."""
-        pin.forwardKinematics(self.group.model, self._data, self.group.expand_from_chart(z))
+    def placements(self, z: LocalPoint) -> list[Any]:
+        """Return the placement in the world of each constraint's frame at local coordinates (nv,), pinocchio.SE3."""
+        pin.forwardKinematics(self.group.model, self._data, self.group.expand_from_local(z))
         return [pin.updateFramePlacement(self.group.model, self._data, frame).copy() for frame in self.indices]
 
 

@@ -19,7 +19,7 @@ from guidefield.robot.model.joints import (
     Joint,
     JointKind,
     RobotConfiguration,
-    to_chart,
+    to_local,
 )
 from guidefield.robot.model.mimic_joints import follow
 from guidefield.robot.model.model import RobotModel
@@ -99,7 +99,7 @@ def configuration_from_wire(
 def scalar(joint: Joint, q: IndexedConfiguration) -> float:
     """Return the value of a joint with one degree of freedom [rad or m] in a configuration, shape (nq,)."""
     values = q[joint.idx_q : joint.idx_q + joint.nq]
-    return float(to_chart(joint, values, values)[0])
+    return float(to_local(joint, values, values)[0])
 
 
 def configuration_to_wire(joints: Sequence[Joint], q: IndexedConfiguration) -> Positions:

@@ -1,25 +1,25 @@
-"""The joints of a robot: kinds and limits, the spaces that their values stand in, and the chart of each kind.
+"""The joints of a robot: kinds and limits, the spaces of their values, and the local coordinates of each kind.
 
 A robot's joint values stand in several spaces. For a robot of revolute joints these have the same length and the same
 numbers; a continuous joint, a ball joint or a joint that follows another tells them apart.
 
     RobotConfiguration  --part_of-->  Configuration  --expand-->  ModelConfiguration
-                                      |  chart  ^                   ^
-                                      v         |  from_chart       |  expand_from_chart
-    a row of WireColumns  <--wire_positions--  ChartPoint  ---------+
+                                      | to_local ^                  ^
+                                      v         |  from_local       |  expand_from_local
+    a row of WireColumns  <--wire_positions--  LocalPoint  ---------+
                                                |
-                                               +----------expand_chart-->  ModelChartPoint
+                                               +----------expand_local-->  ModelLocalPoint
 
-These are methods of `PlanningGroup`. Each type is an ndarray whose last axis is named after its space: a ChartPoint is
+These are methods of `PlanningGroup`. Each type is an ndarray whose last axis is named after its space: a LocalPoint is
 no Configuration, and several points are not a single one. A copy keeps its space, and so does what NumPy makes like
 another array. What arithmetic, an index or a loop yields has no named axis: it fits everywhere, and the function that
 returns or takes it says its space. Where NumPy's own type says too much, as of a new array, and where two spaces share
 their numbers, `typing.cast` names the space. At run time all are plain arrays.
 
-A joint's chart has as many numbers as the joint has freedoms; lines and splines are drawn in it (local coordinates).
+A joint has as many local coordinates as freedoms; straight lines and splines are drawn in them.
 Revolute and prismatic joints: their value. Continuous: the unwrapped angle. Planar: x, y and the unwrapped angle.
 Spherical: the rotation vector from a reference orientation; floating: the position and that vector. These vectors are
-kept shorter than a full turn, where the chart is smooth; two of them, the long and the short way round, mean the same
+kept shorter than a full turn, where they are smooth; two of them, the long and the short way round, mean the same
 orientation. As the exponential map never stretches, a body turns at most by the distance between two vectors, on which
 motion bounds rest (`collision/bodies.py`). Suffixes are names of the wire. `ROAM` and `WIND` bound what is drawn where
 there are no limits: starts, and samples of trees; `WIND` also configurations that tell which links always touch, and so
@@ -47,9 +47,9 @@ WIND = 2.0 * np.pi  # the same for an angle without limits whose whole turns cou
 RobotAxis = NewType("RobotAxis", int)
 ConfigurationAxis = NewType("ConfigurationAxis", int)
 ModelAxis = NewType("ModelAxis", int)
-ChartAxis = NewType("ChartAxis", int)
-ChartRateAxis = NewType("ChartRateAxis", int)
-ModelChartAxis = NewType("ModelChartAxis", int)
+LocalAxis = NewType("LocalAxis", int)
+LocalRateAxis = NewType("LocalRateAxis", int)
+ModelLocalAxis = NewType("ModelLocalAxis", int)
 TangentAxis = NewType("TangentAxis", int)
 WireAxis = NewType("WireAxis", int)
 
@@ -70,23 +70,23 @@ forward kinematics take. The same units."""
 
 ModelConfigurations = np.ndarray[tuple[int, ModelAxis], np.dtype[np.float64]]  # several, shape (n, group.model.nq)
 
-ChartPoint = np.ndarray[tuple[ChartAxis], np.dtype[np.float64]]
+LocalPoint = np.ndarray[tuple[LocalAxis], np.dtype[np.float64]]
 """z of a group's planned joints, shape (group.nv,) [rad or m]: unwrapped angles, lengths and rotation vectors, in which
 straight lines and splines are drawn."""
 
-ChartPoints = np.ndarray[tuple[int, ChartAxis], np.dtype[np.float64]]  # several, shape (n, group.nv)
+LocalPoints = np.ndarray[tuple[int, LocalAxis], np.dtype[np.float64]]  # several, shape (n, group.nv)
 
-ChartCurves = np.ndarray[tuple[int, int, ChartAxis], np.dtype[np.float64]]
-"""Bezier curves in the chart, by their control points, shape (m, k, group.nv); k - 1 is their degree."""
+LocalCurves = np.ndarray[tuple[int, int, LocalAxis], np.dtype[np.float64]]
+"""Bezier curves in local coordinates, by their control points, shape (m, k, group.nv); k - 1 is their degree."""
 
-ModelChartPoint = np.ndarray[tuple[ModelChartAxis], np.dtype[np.float64]]
+ModelLocalPoint = np.ndarray[tuple[ModelLocalAxis], np.dtype[np.float64]]
 """z of a group's planned joints and those that follow them, shape (group.model.nv,) [rad or m]."""
 
-ChartRate = np.ndarray[tuple[ChartRateAxis], np.dtype[np.float64]]
-"""Derivatives of chart coordinates by time, of any order, or limits of theirs, shape (group.nv,) [rad/s or m/s, and so
+LocalRate = np.ndarray[tuple[LocalRateAxis], np.dtype[np.float64]]
+"""Derivatives of local coordinates by time, of any order, or limits of theirs, shape (group.nv,) [rad/s or m/s, and so
 on]. Where a joint has several freedoms they are no tangent (`PlanningGroup.tangent_map`)."""
 
-ChartRates = np.ndarray[tuple[int, ChartRateAxis], np.dtype[np.float64]]
+LocalRates = np.ndarray[tuple[int, LocalRateAxis], np.dtype[np.float64]]
 """Several, or derivatives by a curve's parameter, shape (n, group.nv)."""
 
 Tangent = np.ndarray[tuple[TangentAxis], np.dtype[np.float64]]
@@ -97,7 +97,7 @@ Tangents = np.ndarray[tuple[int, TangentAxis], np.dtype[np.float64]]
 """Several, or derivatives of theirs by time, shape (n, group.nv)."""
 
 WireColumns = np.ndarray[tuple[int, WireAxis], np.dtype[np.float64]]
-"""Positions as they travel, shape (n, len(group.position_names)): those of chart points, but quaternions (x, y, z, w)
+"""Positions as they travel, shape (n, len(group.position_names)): local coordinates, but quaternions (x, y, z, w)
 for rotation vectors [rad, m, or entries of a quaternion]."""
 
 WireRow = list[float]  # one row of them. A plain alias: messages hold lists of numbers
@@ -192,12 +192,12 @@ VELOCITY_SUFFIXES = {
 _SMALL = 1e-4  # below this angle a series represents a sine, as in kernels [rad]: off by less than rounding
 
 ROTATION = {JointKind.SPHERICAL: slice(0, 3), JointKind.FLOATING: slice(3, 6)}
-"""Which of a joint's chart coordinates are a rotation vector."""
+"""Which of a joint's local coordinates are a rotation vector."""
 
-ANGLE = {JointKind.CONTINUOUS: 0, JointKind.PLANAR: 2}  # which of a joint's chart coordinates is an angle that wraps
+ANGLE = {JointKind.CONTINUOUS: 0, JointKind.PLANAR: 2}  # which of a joint's local coordinates is an angle that wraps
 
 TRANSLATION = {JointKind.PRISMATIC: slice(0, 1), JointKind.PLANAR: slice(0, 2), JointKind.FLOATING: slice(0, 3)}
-"""Which of a joint's chart coordinates are lengths [m]."""
+"""Which of a joint's local coordinates are lengths [m]."""
 
 
 def position_names(joint: Joint) -> tuple[str, ...]:
@@ -210,8 +210,8 @@ def velocity_names(joint: Joint) -> tuple[str, ...]:
     return tuple(joint.name + suffix for suffix in VELOCITY_SUFFIXES.get(joint.kind, ("",)))
 
 
-def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return chart coordinates (nv,) of a joint's values (nq,); rotation vectors start from a reference (nq,)."""
+def to_local(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Return local coordinates (nv,) of a joint's values (nq,); rotation vectors start from a reference (nq,)."""
     if joint.kind is JointKind.CONTINUOUS:
         return np.array([np.arctan2(values[1], values[0])])
     if joint.kind is JointKind.PLANAR:
@@ -221,8 +221,8 @@ def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndar
     return np.array([*values[:-4].tolist(), *_rotation_between(reference[-4:], values[-4:])])
 
 
-def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return configuration values (nq,) of a joint's chart coordinates (nv,); the inverse of `to_chart`."""
+def from_local(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Return configuration values (nq,) of a joint's local coordinates (nv,); the inverse of `to_local`."""
     if joint.kind is JointKind.CONTINUOUS:
         return np.array([np.cos(z[0]), np.sin(z[0])])
     if joint.kind is JointKind.PLANAR:
@@ -233,7 +233,7 @@ def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray
 
 
 def unwrap_near(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Add whole turns to a joint's chart coordinates (nv,), to be nearest to others (nv,)."""
+    """Add whole turns to a joint's local coordinates (nv,), to be nearest to others (nv,)."""
     turned = z.copy()
     if joint.kind in ANGLE:
         i = ANGLE[joint.kind]
@@ -246,7 +246,7 @@ def unwrap_near(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
 
 
 def turn_otherwise(joint: Joint, z: np.ndarray) -> np.ndarray:
-    """Turn the rotation vector in chart coordinates (nv,) the other way round; one of no length stays."""
+    """Turn the rotation vector in local coordinates (nv,) the other way round; one of no length stays."""
     other, at = z.copy(), ROTATION[joint.kind]
     angle = math.hypot(*z[at].tolist())
     if angle > 0.0:
@@ -255,7 +255,7 @@ def turn_otherwise(joint: Joint, z: np.ndarray) -> np.ndarray:
 
 
 def tangent_map(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the matrix (nv, nv) from chart velocities at z (nv,) to tangent velocities, in the moved frame.
+    """Return the matrix (nv, nv) from local velocities at z (nv,) to tangent velocities, in the moved frame.
 
     The rotation vector's part is the right Jacobian of the exponential map; positions are turned into the moved frame.
     """

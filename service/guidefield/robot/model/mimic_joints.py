@@ -26,8 +26,8 @@ from guidefield.robot.model.joints import (
     LimitSource,
     Mimic,
     RobotConfiguration,
-    from_chart,
-    to_chart,
+    from_local,
+    to_local,
 )
 from guidefield.robot.model.model import axis_of, joint_indices, with_joints
 from guidefield.robot.urdf.elements import UrdfFacts
@@ -80,16 +80,16 @@ def follow(joints: Sequence[Joint], q: RobotConfiguration) -> None:
     by_name = {joint.name: joint for joint in joints} if followers else {}
     for joint, mimic in followers:
         driver = by_name[mimic.driver]
-        if driver.nq == joint.nq == 1:  # the chart is the value itself, which most followers have
+        if driver.nq == joint.nq == 1:  # the local coordinate is the value itself, which most followers have
             q[joint.idx_q] = mimic.multiplier * q[driver.idx_q] + mimic.offset
             continue
         values = [q[one.idx_q : one.idx_q + one.nq] for one in (driver, joint)]
-        z = mimic.multiplier * to_chart(driver, values[0], values[0]) + mimic.offset
-        q[joint.idx_q : joint.idx_q + joint.nq] = from_chart(joint, z, values[1])
+        z = mimic.multiplier * to_local(driver, values[0], values[0]) + mimic.offset
+        q[joint.idx_q : joint.idx_q + joint.nq] = from_local(joint, z, values[1])
 
 
 def expansion(joints: Sequence[Joint], model: Any, space: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return the affine map from the chart of planned joints to that of a model with their followers.
+    """Return the affine map from local coordinates of planned joints to those of a model with their followers.
 
     A matrix, shape (model.nv, space.nv), and an offset, shape (model.nv,); `space` is the model of planned joints
     alone.
