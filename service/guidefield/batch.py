@@ -274,7 +274,8 @@ def find_longest_time(request: bytes) -> float:
 
 AHEAD = 4  # requests handed over for each worker: with fewer one may wait, with more they fill memory
 BYTES_AHEAD = 1 << 28  # size of requests handed over, beyond which there is but one for each worker [bytes]
-LOOK_UP = 0.5  # period of waking while waiting for results: a Ctrl-C that another thread takes doesn't wake it [s]
+# period of waking while waiting for results: a Ctrl-C that another thread takes doesn't wake it [s]
+WAKE_INTERVAL_S = 0.5
 
 _Job = TypeVar("_Job")
 
@@ -342,7 +343,7 @@ def _over_pool(setup: Setup, tasks: Iterable[tuple[_Job, Task]], workers: int) -
                 asked[pool.submit(task)] = job
             if not asked:
                 return
-            for done in wait(asked, LOOK_UP, FIRST_COMPLETED).done:
+            for done in wait(asked, WAKE_INTERVAL_S, FIRST_COMPLETED).done:
                 assert isinstance(done, Task), "they are what was asked"
                 yield asked.pop(done), done
     finally:

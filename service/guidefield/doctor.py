@@ -401,7 +401,7 @@ def _system_state() -> int:
 
 def examination(data: Path) -> Iterator[Finding]:
     """Yield the findings about this machine and a service's data folder."""
-    looks: dict[str, Callable[[], Finding]] = {
+    checks: dict[str, Callable[[], Finding]] = {
         "packages": packages,
         "cores": cores,
         "vectors": vectors,
@@ -413,12 +413,12 @@ def examination(data: Path) -> Iterator[Finding]:
         "zenoh": session,
         "graphics": graphics,
     }
-    for about, look in looks.items():
-        yield _examine(about, look)
+    for about, check in checks.items():
+        yield _examine(about, check)
 
 
-def _examine(about: str, look: Callable[[], Finding]) -> Finding:
+def _examine(about: str, check: Callable[[], Finding]) -> Finding:
     try:
-        return look()
+        return check()
     except OSError as error:
         return wrong(about, f"can't be looked at: {error}", "guidefield runs on Linux, with /proc readable")

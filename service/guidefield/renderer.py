@@ -24,7 +24,7 @@ from guidefield.pool.waiting import Answer, Task
 from guidefield.stores.recordings import Recordings
 from guidefield.system import become_idle, configure_logging
 
-LOOK_INTERVAL_S = 0.1  # time between two looks whether a worker has rendered a recording that is left to it [s]
+POLL_INTERVAL_S = 0.1  # time between two checks whether a worker has rendered a recording that is left to it [s]
 RETRY_INTERVAL_S = 5.0  # pause after a disk has refused, or a process has died [s]
 MAX_ATTEMPTS = 5  # number of processes that may die with one run before it is given up
 Named = tuple[str, str]  # a run by its owner and id
@@ -118,7 +118,7 @@ class Renderer:
         """Wait until a worker has rendered a run, at most for `patience`; return whether it still has to be."""
         recordings, until = self._recordings(named[0]), time.monotonic() + self._patience
         while recordings.is_owed(named[1]) and time.monotonic() < until and not self._closed.is_set():
-            self._closed.wait(LOOK_INTERVAL_S)
+            self._closed.wait(POLL_INTERVAL_S)
         return recordings.is_owed(named[1])
 
     def _postpone(self, named: Named, why: str) -> None:

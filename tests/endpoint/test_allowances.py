@@ -25,7 +25,7 @@ class _Clock:
 
 @given(st.floats(0.5, 50.0), st.lists(st.floats(0.0, 2.0), min_size=1, max_size=60))
 def test_queries_are_answered_at_the_rate_and_no_faster(rate: float, pauses: list[float]) -> None:
-    """In any stretch of time at most the rate times it, and as many at once; who waits as long as told is let in."""
+    """In any span of time at most the rate times it, and as many at once; who waits as long as told is let in."""
     with pytest.MonkeyPatch.context() as patch:
         clock = _Clock(patch)
         allowances = Allowances(Quotas(default=Quota(per_second=rate)), Waiting(Limits()))
@@ -101,7 +101,7 @@ def test_who_got_enough_of_the_processors_waits_until_it_counts_less(monkeypatch
 
 @given(st.floats(1e6, 1e8), st.lists(st.tuples(st.floats(0.0, 5.0), st.integers(1, 2**26)), min_size=1, max_size=40))
 def test_payloads_come_at_the_rate_and_no_faster(rate: float, sent: list[tuple[float, int]]) -> None:
-    """In any stretch of time the rate times it, what may come at once, and the last one, which may be in debt."""
+    """In any span of time the rate times it, what may come at once, and the last one, which may be in debt."""
     with pytest.MonkeyPatch.context() as patch:
         clock = _Clock(patch)
         allowances = Allowances(Quotas(default=Quota(payload_per_second=rate)), Waiting(Limits()))

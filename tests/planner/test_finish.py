@@ -18,7 +18,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.passages import REACHED
 from guidefield.planner.optimize.settings import BALANCED, OptimizationSettings, closer, free, in_few_pieces
-from guidefield.planner.optimized_motion import LOOKS
+from guidefield.planner.optimized_motion import MAX_RETRIES
 from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
@@ -65,7 +65,7 @@ def test_a_refused_motion_is_optimised_again_looking_closer(monkeypatch: pytest.
 
 def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
-    misled(monkeypatch, 2 * (2 + LOOKS) * [through_the_wall(made, path)])
+    misled(monkeypatch, 2 * (2 + MAX_RETRIES) * [through_the_wall(made, path)])
     finished = finish(made, PathSoFar(path), Stages(made))
     assert finished.verdict.free
     np.testing.assert_array_equal(finished.path[[0, -1]], path[[0, -1]])

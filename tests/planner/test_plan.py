@@ -21,7 +21,7 @@ from guidefield.planner.held_paths import connect_to_goal
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.settings import OptimizationSettings
-from guidefield.planner.optimized_motion import LOOKS
+from guidefield.planner.optimized_motion import MAX_RETRIES
 from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
@@ -72,7 +72,7 @@ def test_where_no_proof_comes_of_optimising_the_connection_is_proven_before(monk
     made = dataclasses.replace(
         wall, q_start=wall.group.from_local(start), goal=to_configuration(goal, wall.group), guide_planes=()
     )
-    optimized_to = (2 + LOOKS) * [time_path_ignoring_jerk(wall, np.array([start, goal]))]  # through the wall
+    optimized_to = (2 + MAX_RETRIES) * [time_path_ignoring_jerk(wall, np.array([start, goal]))]  # through the wall
 
     def misled(
         problem: Problem, motion: Trajectory, settings: OptimizationSettings, *_: object, **__: object
@@ -84,7 +84,7 @@ def test_where_no_proof_comes_of_optimising_the_connection_is_proven_before(monk
     result = plan(made, Planner.TREE)
     check_success(made, result)
     assert [stage.name for stage in result.stages].count("connect") == 2
-    assert [stage.name for stage in result.stages].count("relax") == 3 + LOOKS
+    assert [stage.name for stage in result.stages].count("relax") == 3 + MAX_RETRIES
 
 
 def test_guide_planes_in_the_bookshelf() -> None:

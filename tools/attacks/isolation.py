@@ -38,7 +38,7 @@ from guidefield.cli.serving import service_in_child
 RATE = 200_000
 """Bytes that a slow client reads in a second."""
 STEP = 0.05
-"""Time between two looks at the service's work [s]."""
+"""Time between two checks of the service's work [s]."""
 AT_ONCE = 10
 """Number of plans that a greedy user waits for at any time."""
 PAUSE = 0.05

@@ -529,9 +529,9 @@ def report(tally: Tally, memory: dict[int, list[int]], options: argparse.Namespa
         print(f"  {outcome:24s} {count}")
     grown = {pid: growth(samples) for pid, samples in memory.items() if len(samples) > 10}
     for pid, share in grown.items():
-        course = ", ".join(str(memory[pid][len(memory[pid]) * part // 5] // 1024) for part in range(5))
+        history = ", ".join(str(memory[pid][len(memory[pid]) * part // 5] // 1024) for part in range(5))
         print(
-            f"  process {pid}: {course}, {memory[pid][-1] // 1024} MiB; grown by {100 * share:.1f} % after warming up"
+            f"  process {pid}: {history}, {memory[pid][-1] // 1024} MiB; grown by {100 * share:.1f} % after warming up"
         )
     print(f"  the service ended with exit code {code}")
     heavy = options.judge_memory and any(share > GROWTH for share in grown.values())

@@ -377,7 +377,7 @@ class Judge:
     def _candidates(
         self, times: np.ndarray, mine: np.ndarray, pairs: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Stretches of time about the lowest places of pairs, and the pairs; neighbours tell how low it may be."""
+        """Spans of time about the lowest places of pairs, and the pairs; neighbours tell how low it may be."""
         if len(times) == 1:
             return np.empty(0), np.empty(0), np.empty(0, int)
         padded = np.vstack([mine[1], mine, mine[-2]])

@@ -131,7 +131,7 @@ def clip(run: Planned, view: View, style: Style) -> Faults:
     yield from _frames(run, view, style, list(np.linspace(0.0, duration, FRAMES)), max(duration, 2.5))
 
 
-def stretch(run: Recorded, begin: float, end: float, view: View, style: Style) -> Faults:
+def segment(run: Recorded, begin: float, end: float, view: View, style: Style) -> Faults:
     """The motion from one time to another [s] as an animation, at its own pace."""
     yield from _frames(run, view, style, list(np.linspace(begin, end, FRAMES)), end - begin)
 

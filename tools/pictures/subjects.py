@@ -14,7 +14,7 @@ from guidefield.cli import demonstration
 from guidefield.messages import codec
 from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest, PoseGoal
 from pictures.figure import ORANGE, ROBOT, STOP, TO_STOP, Colour, Style, View
-from pictures.shots import Faults, Planned, Recorded, beside, clip, sheet, still, stretch, tabs
+from pictures.shots import Faults, Planned, Recorded, beside, clip, segment, sheet, still, tabs
 
 REQUESTS = Path(__file__).resolve().parents[1] / "examples" / "requests"
 OBJECTIVES = ("balanced", "time", "clearance")
@@ -151,7 +151,7 @@ SUBJECTS: dict[str, Subject | Demonstration | Comparison] = {
     ),
     "door": Subject(_file("door"), partial(clip, view=View((-0.5, -1.3, 1.6), drawn=WITH_TRACE), style=SEE_THROUGH)),
     "gates": Subject(_file("seed_a_gates"), partial(clip, view=View(drawn=WITH_TRACE), style=Style(robot=ORANGE))),
-    "stream": Demonstration(partial(stretch, begin=AT_PLACES[0], end=AT_PLACES[1], view=TABLE, style=TABLE_STYLE)),
+    "stream": Demonstration(partial(segment, begin=AT_PLACES[0], end=AT_PLACES[1], view=TABLE, style=TABLE_STYLE)),
     "kitchen": Subject(_file("kitchen"), partial(clip, view=KITCHEN, style=KITCHEN_STYLE)),
     "objectives": Comparison(
         PlanRequest(

@@ -57,7 +57,7 @@ DEFAULT_QUEUE = 64  # default number of requests that may wait; that of `guidefi
 DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]; `DUMP_TIME_S` of `cli/serving.py` bounds it
 # both are in docs/service.md, and in docs/wire.md by rules.py: after a change, `tools/wire_page`
 LIVELINESS_TIMEOUT_S = 5.0  # longest time to ask for a service of the same name [s]; one that answers later isn't seen
-CLAIM_PERIOD_S = 0.05  # between two looks at who claims the same name [s]
+CLAIM_PERIOD_S = 0.05  # between two checks of who claims the same name [s]
 EAGER_PATIENCE_S = 30.0
 """Time that a worker has for the recording that it renders after its reply, before another process does it [s]."""
 STREAM_OPTIONS = {

@@ -26,7 +26,7 @@ from guidefield.messages import scene as messages
 from guidefield.messages.requests import Attach, AttachedObject
 from guidefield.messages.scene import HalfSpace, PointCloud
 from guidefield.messages.values import IDENTITY, ORIGIN, InertiaTensor, Placement, Vector3
-from guidefield.planner.sequence.course import AWAY, Touch
+from guidefield.planner.sequence.step_sequence import AWAY, Touch
 from guidefield.robot.model.joints import RobotConfiguration
 from guidefield.robot.model.model import GeometryChoice, RobotModel, frame_index
 from guidefield.robot.urdf.elements import NO_LENGTH

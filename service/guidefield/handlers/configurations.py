@@ -253,7 +253,7 @@ def require_same_joints(positions: Columns, velocities: Columns) -> None:
 
 
 CONFIGURATIONS_PER_CHECK = 16
-"""Configurations answered between two looks at the deadline: with the slowest robots a few milliseconds.
+"""Configurations answered between two checks of the deadline: with the slowest robots a few milliseconds.
 
 Replies are the same to the last bit with any number above 0.
 """

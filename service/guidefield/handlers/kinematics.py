@@ -58,9 +58,9 @@ from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
 FRAMES_PER_CHECK = 1024
-"""Configurations between two looks at the deadline: about a millisecond. For more, a reply pauses the collector."""
+"""Configurations between two checks of the deadline: about a millisecond. For more, a reply pauses the collector."""
 POINTS_PER_CHECK = 4096
-"""Points at which the field is computed between two looks at the deadline.
+"""Points at which the field is computed between two checks of the deadline.
 
 A multiple of `LANES` of `kernels/field/field.py`, which evaluates as many together: else bits of replies change.
 """

@@ -135,7 +135,7 @@ def _goal_place(problem: Problem) -> np.ndarray | GuidePlane:
     return problem.guide_planes[-1]
 
 
-GOALS_PER_CHECK = 500  # goals read between two looks at the deadline: some milliseconds
+GOALS_PER_CHECK = 500  # goals read between two checks of the deadline: some milliseconds
 
 
 def problem_of(

@@ -113,7 +113,7 @@ class PackedClearance(msgspec.Struct, array_like=True, frozen=True):
         )
 
 
-class PackedStretch(msgspec.Struct, array_like=True, frozen=True):
+class PackedSegment(msgspec.Struct, array_like=True, frozen=True):
     """A part of a sequence's trajectory that was measured."""
 
     index: int  # its step
@@ -139,7 +139,7 @@ class PackedMotion(msgspec.Struct, array_like=True, frozen=True):
     found: PackedClearance | None = None  # distances along it; None if they weren't measured
     legs: Sequence[PackedLeg] = ()  # the steps of a sequence that were planned
     failed_at: PackedArray | None = None  # configuration (nq,) of the robot when the step began that failed
-    stretches: Sequence[PackedStretch] = ()  # the parts of a sequence that were measured
+    stretches: Sequence[PackedSegment] = ()  # the parts of a sequence that were measured
     parts: int = 1  # into which the span between two rows that a controller is sent is divided
 
 

@@ -1,4 +1,4 @@
-"""Answer a plan request with steps: its course, the sequence, the reply, and the motion for a recording, in order.
+"""Answer a plan request with steps: its `Steps`, the sequence, the reply, and the motion for a recording, in order.
 
 `CARRIED_RATE`, `MAX_SAMPLES` (above 0) and `MAX_CARRIED_PLACEMENTS` change recordings alone.
 """
@@ -44,7 +44,7 @@ from guidefield.handlers.recording import (
     PackedKnots,
     PackedLeg,
     PackedMotion,
-    PackedStretch,
+    PackedSegment,
     Prove,
     Record,
 )
@@ -63,8 +63,8 @@ from guidefield.planner.quality import (
     measure_clearance_profile,
     measure_clearances,
 )
+from guidefield.planner.sequence.segments import SequenceSegment, cut_trajectory, whole_configuration
 from guidefield.planner.sequence.sequence import SequencePlan, StepResult, plan_sequence
-from guidefield.planner.sequence.stretches import Stretch, cut_trajectory, whole_configuration
 from guidefield.planner.task.problem import Conditions
 from guidefield.planner.task.trace import PackedArray, Silent
 from guidefield.robot.group.group import PlanningGroup
@@ -84,58 +84,58 @@ MAX_CARRIED_PLACEMENTS = 3000  # over all steps: with more, the rate is lower
 class SequenceMotion:
     """The motion of a sequence."""
 
-    course: Steps  # the steps
+    steps: Steps
     standings: Sequence[StepSituation]  # of the steps that were planned: the situation when each begins
     spans: Sequence[tuple[float, float]]  # when each begins and ends [s]
     trajectory: Trajectory | None  # the motion; None where a step failed before it was certified
     failed_at: StepSituation | None  # the situation when the step began that failed; None where none did
-    measured: Sequence[tuple[Stretch, Clearance]]  # its parts with distances along them
+    measured: Sequence[tuple[SequenceSegment, Clearance]]  # its parts with distances along them
     parts: int = 1  # into which the span between two rows that a controller is sent is divided
 
     @classmethod
     def of(
-        cls, course: Steps, made: SequencePlan[StepSituation], measured: Sequence[tuple[Stretch, Clearance]]
+        cls, steps: Steps, made: SequencePlan[StepSituation], measured: Sequence[tuple[SequenceSegment, Clearance]]
     ) -> SequenceMotion:
         """The motion of a plan, with distances along its parts."""
         standings, spans = [leg.at for leg in made.legs], [leg.span for leg in made.legs]
         parts = 1 if made.drawn is None else made.drawn.parts
-        return cls(course, standings, spans, made.trajectory, made.failed_at, measured, parts)
+        return cls(steps, standings, spans, made.trajectory, made.failed_at, measured, parts)
 
     @classmethod
-    def unpack(cls, course: Steps, packed: PackedMotion) -> SequenceMotion:
+    def unpack(cls, steps: Steps, packed: PackedMotion) -> SequenceMotion:
         """The motion of a sequence, from its steps and what was packed."""
-        standings, at = list[StepSituation](), course.start
+        standings, at = list[StepSituation](), steps.start
         for index, leg in enumerate(packed.legs):
-            at = course.after(index - 1, at, _configuration(leg.q), leg.begin) if index else at
+            at = steps.after(index - 1, at, _configuration(leg.q), leg.begin) if index else at
             standings.append(at)
         failed_at = None
         if packed.failed_at is not None:
             q = _configuration(packed.failed_at)
-            failed_at = course.after(len(standings) - 1, at, q, packed.legs[-1].end) if standings else at
+            failed_at = steps.after(len(standings) - 1, at, q, packed.legs[-1].end) if standings else at
         trajectory = None if packed.knots is None else packed.knots.trajectory()
         drawn = None
-        if trajectory is not None and course.execution is not None:
-            drawn = draw_plan(trajectory, course.execution, packed.parts).motion
+        if trajectory is not None and steps.execution is not None:
+            drawn = draw_plan(trajectory, steps.execution, packed.parts).motion
         measured, conditions, last = [], dict[int, Conditions](), None
         for one in packed.stretches:
             assert trajectory is not None, "its parts were measured"
             if one.index not in conditions:
-                now = course.conditions(one.index, standings[one.index])
+                now = steps.conditions(one.index, standings[one.index])
                 if last is not None and last.group.alike is now.group.alike and last.scene is now.scene:
                     now = dataclasses.replace(now, world=last.world)  # its tables are made already
                 conditions[one.index] = last = now
-            stretch = _stretch(one, conditions[one.index], trajectory)
+            segment = _unpack_segment(one, conditions[one.index], trajectory)
             if drawn is not None:
-                stretch = stretch.drawn_of(drawn, is_last=one.is_last)
-            measured.append((stretch, one.found.clearance(executed_in_time(stretch), stretch)))
+                segment = segment.drawn_of(drawn, is_last=one.is_last)
+            measured.append((segment, one.found.clearance(executed_in_time(segment), segment)))
         spans = [(leg.begin, leg.end) for leg in packed.legs]
-        return cls(course, standings, spans, trajectory, failed_at, measured, packed.parts)
+        return cls(steps, standings, spans, trajectory, failed_at, measured, packed.parts)
 
     def view(self) -> tuple[PlanningGroup, Scene]:
         """All steps with what is carried, or the one that failed with what was held."""
         if self.failed_at is None:
-            return self.course.whole, self._carried_scene()
-        conditions = self.course.conditions(len(self.standings), self.failed_at)
+            return self.steps.whole, self._carried_scene()
+        conditions = self.steps.conditions(len(self.standings), self.failed_at)
         return conditions.group, conditions.scene
 
     def profile(self) -> ClearanceProfile | None:
@@ -144,7 +144,7 @@ class SequenceMotion:
             return None
         every = math.ceil(sum(len(one.times) for _, one in self.measured) / MAX_SAMPLES)
         return measure_clearance_profile(
-            *((one, stretch, stretch.scene) for stretch, one in self.measured), every=every
+            *((one, segment, segment.scene) for segment, one in self.measured), every=every
         )
 
     def pack(self) -> PackedMotion:
@@ -154,21 +154,21 @@ class SequenceMotion:
             legs=[PackedLeg(*span, PackedArray.of(at.q)) for at, span in zip(self.standings, self.spans, strict=True)],
             failed_at=None if self.failed_at is None else PackedArray.of(self.failed_at.q),
             stretches=[
-                PackedStretch(
-                    index=stretch.index,
-                    begin=float(stretch.motion.times[0]),
-                    end=float(stretch.motion.times[-1]),
-                    allowed=sorted(stretch.allowed_collisions),
+                PackedSegment(
+                    index=segment.index,
+                    begin=float(segment.motion.times[0]),
+                    end=float(segment.motion.times[-1]),
+                    allowed=sorted(segment.allowed_collisions),
                     found=PackedClearance.of(found),
-                    is_last=(stretch, found) == self.measured[-1],
+                    is_last=(segment, found) == self.measured[-1],
                 )
-                for stretch, found in self.measured
+                for segment, found in self.measured
             ],
             parts=self.parts,
         )
 
     def _carried_scene(self) -> Scene:
-        start, whole = self.course.start, self.course.whole
+        start, whole = self.steps.start, self.steps.whole
         if self.trajectory is None:
             return start.scene
         most = max(MAX_CARRIED_PLACEMENTS // len(self.spans), 1)
@@ -184,22 +184,22 @@ class SequenceMotion:
         return _with_carried(start, ways)
 
 
-def executed_in_time(stretch: Stretch) -> TimedMotion:
-    """The motion that a robot executes on a stretch, on the scene's clock, to be measured."""
-    executed = stretch.executed
-    return executed if isinstance(executed, Trajectory) else executed.measured_among(stretch.scene)
+def executed_in_time(segment: SequenceSegment) -> TimedMotion:
+    """The motion that a robot executes on a segment, on the scene's clock, to be measured."""
+    executed = segment.executed
+    return executed if isinstance(executed, Trajectory) else executed.measured_among(segment.scene)
 
 
 def _configuration(packed: PackedArray) -> RobotConfiguration:
     return cast(RobotConfiguration, packed.array())
 
 
-def _stretch(packed: PackedStretch, conditions: Conditions, trajectory: Trajectory) -> Stretch:
+def _unpack_segment(packed: PackedSegment, conditions: Conditions, trajectory: Trajectory) -> SequenceSegment:
     fields = {field.name: getattr(conditions, field.name) for field in dataclasses.fields(Conditions)}
     allowed = frozenset(packed.allowed)
     if allowed != conditions.allowed_collisions:
         fields |= {"allowed_collisions": allowed, "world": World.build(conditions.group, conditions.scene, allowed)}
-    return Stretch(**fields, index=packed.index, motion=cut_trajectory(trajectory, packed.begin, packed.end))
+    return SequenceSegment(**fields, index=packed.index, motion=cut_trajectory(trajectory, packed.begin, packed.end))
 
 
 def _with_carried(start: StepSituation, ways: dict[str, list[tuple[float, Placement]]]) -> Scene:
@@ -246,40 +246,42 @@ def answer_steps(
     """Plan a sequence, and reply with the outcome; arguments and errors as those of `answer_plan`."""
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
-    course = Steps(request, robot, scene, deadline, preparing)
-    course.require_posed()
+    steps = Steps(request, robot, scene, deadline, preparing)
+    steps.require_posed()
     prepare_plan(robot, scene, deadline, preparing)
-    recording = record(course.whole, scene)
+    recording = record(steps.whole, scene)
     load_seconds, waited = time.monotonic() - began, seconds_waited()
-    made = plan_sequence(course, course.start, course.whole, deadline, recording or Silent())
+    made = plan_sequence(steps, steps.start, steps.whole, deadline, recording or Silent())
     begin = working_time()
-    stretches = select_moving_stretches(made)
-    found = measure_clearances([(executed_in_time(stretch), stretch) for stretch in stretches])
-    measured = None if found is None else [*zip(stretches, found, strict=True)]
+    segments = select_moving_segments(made)
+    found = measure_clearances([(executed_in_time(segment), segment) for segment in segments])
+    measured = None if found is None else [*zip(segments, found, strict=True)]
     if measured is not None:
-        free = {id(one) for one, verdict in zip(made.stretches, made.verdicts, strict=False) if verdict.free}
+        free = {id(one) for one, verdict in zip(made.segments, made.verdicts, strict=False) if verdict.free}
         judged = [one for one in measured if id(one[0]) in free]
         require_agreement(
             run_id,
             [
-                Certified(found, stretch.min_clearance, functools.partial(_motions, request, made, [stretch]))
-                for stretch, found in judged
+                Certified(found, segment.min_clearance, functools.partial(_motions, request, made, [segment]))
+                for segment, found in judged
             ],
         )
     if request.proof:
-        certified = made.stretches if made.status is Status.SUCCESS else ()
+        certified = made.segments if made.status is Status.SUCCESS else ()
         prove(_motions(request, made, certified), deadline)
     load_seconds += made.seconds.get("load", 0.0) + seconds_waited() - waited
     seconds = {"queue": began - received, "load": load_seconds, "measure": working_time() - begin}
-    reply = reply_to(request, course, made, measured, run_id, received, seconds)
+    reply = reply_to(request, steps, made, measured, run_id, received, seconds)
     if recording is not None:
-        recording.finish(reply, SequenceMotion.of(course, made, measured or []))
+        recording.finish(reply, SequenceMotion.of(steps, made, measured or []))
     return reply
 
 
-def _motions(request: PlanRequest, made: SequencePlan[StepSituation], stretches: Sequence[Stretch]) -> list[Motion]:
+def _motions(
+    request: PlanRequest, made: SequencePlan[StepSituation], segments: Sequence[SequenceSegment]
+) -> list[Motion]:
     motions = []
-    for one in stretches:
+    for one in segments:
         held = [held.attached for held in made.legs[one.index].at.objects]
         outside_proof = None if one.way is None else f"{one.way.frame} keeps to its straight way"
         motions.append(declare(request, one, one.executed, held, outside_proof=outside_proof))
@@ -291,17 +293,17 @@ def restore_steps(request: PlanRequest, robot: RobotModel, scene: Scene, packed:
     return SequenceMotion.unpack(Steps(request, robot, scene, UNLIMITED, lambda _: None), packed)
 
 
-def select_moving_stretches(made: SequencePlan[StepSituation]) -> list[Stretch]:
-    """The stretches of a sequence on which something moves."""
-    return [stretch for stretch in made.stretches if stretch.executed.duration > 0.0]
+def select_moving_segments(made: SequencePlan[StepSituation]) -> list[SequenceSegment]:
+    """The segments of a sequence on which something moves."""
+    return [segment for segment in made.segments if segment.executed.duration > 0.0]
 
 
-Measured = Sequence[tuple[Stretch, Clearance]]  # stretches with distances along them
+Measured = Sequence[tuple[SequenceSegment, Clearance]]  # segments with distances along them
 
 
 def reply_to(
     request: PlanRequest,
-    course: Steps,
+    steps: Steps,
     made: SequencePlan[StepSituation],
     measured: Measured | None,
     run_id: str,
@@ -310,18 +312,18 @@ def reply_to(
 ) -> PlanReply:
     """Build the reply.
 
-    `measured` has the stretches on which something moves, None where time was up before; `received` is as in
+    `measured` has the segments on which something moves, None where time was up before; `received` is as in
     `answer_plan`; `seconds` is the time of waiting, loading and measuring [s].
     """
-    group, begin = course.whole, working_time()
+    group, begin = steps.whole, working_time()
     metrics = motion_metrics(made.trajectory, Kinematics(group))
     path, trajectory = group.wire_path(made.path), wire_trajectory(made.trajectory, request.sample_rate, group)
     spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | seconds
     spent["measure"] += working_time() - begin
-    robot = course.start.robot
+    robot = steps.start.robot
     problems = [leg.problem for leg in made.legs if leg.problem is not None]
     planes = [plane for problem in problems for plane in problem.guide_planes]
-    warnings = [*robot.warnings, *course.start.scene.warnings, *course.warnings, *made.warnings]
+    warnings = [*robot.warnings, *steps.start.scene.warnings, *steps.warnings, *made.warnings]
     if measured is None:
         measured, warnings = [], [*warnings, UNMEASURED]
     return PlanReply(
@@ -334,8 +336,8 @@ def reply_to(
         trajectory=trajectory,
         guide_planes=[plane for plane, _ in groupby(wire_planes(planes))],  # each once
         stages=[replies.Stage(name=one.name, outcome=one.outcome, seconds=one.seconds) for one in made.stages],
-        clearance=_least_clearance([_figures(stretch, one, made) for stretch, one in measured], measured),
-        self_clearance=_least_self([self_figures(one, _certified(stretch, made, 0.0)) for stretch, one in measured]),
+        clearance=_least_clearance([_figures(segment, one, made) for segment, one in measured], measured),
+        self_clearance=_least_self([self_figures(one, _certified(segment, made, 0.0)) for segment, one in measured]),
         certificate=replies.CertificateFigures(
             collision_free=made.free,
             method=CERTIFICATE,
@@ -345,36 +347,36 @@ def reply_to(
         metrics=metrics,
         timing=replies.Timing(total=time.monotonic() - received, **spent),
         counters=replies.Counters(
-            iterations=course.counters.iterations,
+            iterations=steps.counters.iterations,
             potential_evaluations=sum(one.robot_field.evaluations for one in problems),
-            collision_checks=course.counters.collision_checks,
+            collision_checks=steps.counters.collision_checks,
         ),
         seed=request.seed,
         planner=request.planner,
         objective=request.objective,
         recording=None,
-        execution=wire_execution(course.whole, made.trajectory, made.drawn, course.execution) if made.free else None,
-        steps=[_step(leg, course, made, measured) for leg in made.legs if made.trajectory is not None],
+        execution=wire_execution(steps.whole, made.trajectory, made.drawn, steps.execution) if made.free else None,
+        steps=[_step(leg, steps, made, measured) for leg in made.legs if made.trajectory is not None],
     )
 
 
 def _step(
-    leg: StepResult[StepSituation], course: Steps, made: SequencePlan[StepSituation], measured: Measured
+    leg: StepResult[StepSituation], steps: Steps, made: SequencePlan[StepSituation], measured: Measured
 ) -> replies.StepFigures:
-    own = [(stretch, one) for stretch, one in measured if stretch.index == leg.index and course.moves(leg.index)]
+    own = [(segment, one) for segment, one in measured if segment.index == leg.index and steps.moves(leg.index)]
     judged = [
-        verdict for stretch, verdict in zip(made.stretches, made.verdicts, strict=False) if stretch.index == leg.index
+        verdict for segment, verdict in zip(made.segments, made.verdicts, strict=False) if segment.index == leg.index
     ]
-    count = sum(stretch.index == leg.index for stretch in made.stretches)
+    count = sum(segment.index == leg.index for segment in made.segments)
     begin, end = leg.span
     return replies.StepFigures(
         begin=begin,
         end=end,
         held=list(leg.at.held_names),
-        attached=course.attached(leg.index),
-        detached=course.detached(leg.index),
-        clearance=_least_clearance([_figures(stretch, one, made) for stretch, one in own], own),
-        self_clearance=_least_self([self_figures(one, _certified(stretch, made, 0.0)) for stretch, one in own]),
+        attached=steps.attached(leg.index),
+        detached=steps.detached(leg.index),
+        clearance=_least_clearance([_figures(segment, one, made) for segment, one in own], own),
+        self_clearance=_least_self([self_figures(one, _certified(segment, made, 0.0)) for segment, one in own]),
         certificate=replies.CertificateFigures(
             collision_free=bool(judged) and len(judged) == count and all(verdict.free for verdict in judged),
             method=CERTIFICATE,
@@ -387,25 +389,25 @@ def _step(
             if (since := max(one.begin, begin)) < (until := min(one.end, end))
         ],
         passed=leg.passed,
-        cartesian=_fastest([cartesian_uses(stretch.cartesian_limits, stretch.executed) for stretch, _ in own]),
-        effort=_strongest([effort_figures(stretch, stretch.executed) for stretch, _ in own]),
+        cartesian=_fastest([cartesian_uses(segment.cartesian_limits, segment.executed) for segment, _ in own]),
+        effort=_strongest([effort_figures(segment, segment.executed) for segment, _ in own]),
     )
 
 
-def _certified(stretch: Stretch, made: SequencePlan[StepSituation], kept: float) -> float:
-    """Return the certified clearance on a stretch [m]; minus infinity if it isn't certified."""
-    verdicts = [verdict for one, verdict in zip(made.stretches, made.verdicts, strict=False) if one is stretch]
+def _certified(segment: SequenceSegment, made: SequencePlan[StepSituation], kept: float) -> float:
+    """Return the certified clearance on a segment [m]; minus infinity if it isn't certified."""
+    verdicts = [verdict for one, verdict in zip(made.segments, made.verdicts, strict=False) if one is segment]
     return kept if verdicts and all(verdict.free for verdict in verdicts) else -np.inf
 
 
-def _figures(stretch: Stretch, one: Clearance, made: SequencePlan[StepSituation]) -> replies.ClearanceFigures:
-    return clearance_figures(one, _certified(stretch, made, stretch.min_clearance))
+def _figures(segment: SequenceSegment, one: Clearance, made: SequencePlan[StepSituation]) -> replies.ClearanceFigures:
+    return clearance_figures(one, _certified(segment, made, segment.min_clearance))
 
 
 def _least_clearance(
     figures: Sequence[replies.ClearanceFigures], measured: Measured
 ) -> replies.ClearanceFigures | None:
-    """The smallest distances of some stretches, and the mean over all of their samples."""
+    """The smallest distances of some segments, and the mean over all of their samples."""
     if not figures:
         return None
     with_pairs = [one for one in figures if one.pair is not None]

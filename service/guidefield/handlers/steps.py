@@ -1,4 +1,4 @@
-"""A plan request's steps as the planner's `Course` (planner/sequence/course.py): each a plan request of its own."""
+"""A plan request's steps as the planner's `StepSequence`: each step is a plan request of its own."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
 from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan
-from guidefield.planner.sequence.course import StepMotion
+from guidefield.planner.sequence.step_sequence import StepMotion
 from guidefield.planner.sequence.straight_way import StraightWay, straight_plan
 from guidefield.planner.task.problem import Conditions, Counters, Problem
 from guidefield.robot.group.group import PlanningGroup
@@ -51,7 +51,7 @@ UNSERVED_KINDS = (JointKind.SPHERICAL, JointKind.FLOATING)
 
 
 class Steps:
-    """The course of a request.
+    """The steps of a request.
 
     Raises GuidefieldError as `problem_of`, with the step's path, where the question is ill-posed.
     """
@@ -81,11 +81,11 @@ class Steps:
         return len(self._request.steps)
 
     def moves(self, index: int) -> bool:
-        """As in `Course`."""
+        """As in `StepSequence`."""
         return self._request.steps[index].goal is not None
 
     def motion(self, index: int, at: StepSituation, begin: float) -> StepMotion | None:
-        """As in `Course`."""
+        """As in `StepSequence`."""
         step = self._request.steps[index]
         if step.goal is None:
             return None
@@ -103,7 +103,7 @@ class Steps:
         return StepMotion(problem, self._planned(asked, way), way)
 
     def after(self, index: int, at: StepSituation, q: RobotConfiguration, time: float) -> StepSituation:
-        """As in `Course`."""
+        """As in `StepSequence`."""
         step = self._request.steps[index]
         with _in_step(index):
             then = at.move(q, time, self._request.min_clearance)
@@ -116,7 +116,7 @@ class Steps:
         return then
 
     def conditions(self, index: int, at: StepSituation) -> Conditions:
-        """As in `Course`."""
+        """As in `StepSequence`."""
         asked = self._limited_for(index)
         with _in_step(index):
             robot = holding(at.robot, [one.attached for one in at.objects], at.scene)
@@ -137,22 +137,22 @@ class Steps:
             )
 
     def leaves_at(self, index: int, at: StepSituation, arrival: float) -> float:
-        """As in `Course`."""
+        """As in `StepSequence`."""
         step = self._request.steps[index]
         return max(arrival + step.pause, 0.0 if step.attach is None else at.rests_from(step.attach.object))
 
     def passes(self, index: int) -> float | None:
-        """As in `Course`."""
+        """As in `StepSequence`."""
         step = self._request.steps[index]
         return None if step.stop else step.radius
 
     def attached(self, index: int) -> str | None:
-        """As in `Course`."""
+        """As in `StepSequence`."""
         attach = self._request.steps[index].attach
         return None if attach is None else attach.object
 
     def detached(self, index: int) -> str | None:
-        """As in `Course`."""
+        """As in `StepSequence`."""
         return self._request.steps[index].detach
 
     def _moving_joints(self) -> list[str]:

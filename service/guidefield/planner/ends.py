@@ -87,7 +87,7 @@ would stop a certificate. Unrecorded."""
 MAX_STARTS = 8192  # starts from which a configuration that is free is searched for. Unrecorded
 
 GOALS_AT_ONCE = 100
-"""Given configurations judged between two looks at the deadline: some milliseconds."""
+"""Given configurations judged between two checks of the deadline: some milliseconds."""
 
 UNREACHED = (Status.NO_IK_SOLUTION, Status.GOAL_IN_COLLISION, Status.CLEARANCE_BELOW_MINIMUM)
 """Endings of a search for a goal pose that found no free configuration: guide planes may still lead to one."""

@@ -1,6 +1,6 @@
 """Make the certified trajectory of a path that was found, also of one whose motion begins or ends in motion.
 
-What the certificate refuses is optimised again with more weight on the clearance, and more samples, and with looks at
+What the certificate refuses is optimised again with more weight on the clearance, and more samples, and with samples
 where it touches. Where that can't be certified either, a motion between it and the path that was found is taken, or
 that path, as fast as it can be executed round its corners. Where that is refused the motion is drawn closer to it. In
 the end it stops at every corner: then it is the path itself.

@@ -236,7 +236,7 @@ def certify_motion(
 
 
 def slow_down(trajectory: Trajectory, stretch: float, attempt: int) -> Trajectory:
-    """Stretch the time of a motion, by a little more with each attempt, since the rows are elsewhere then."""
+    """SequenceSegment the time of a motion, by a little more with each attempt, since the rows are elsewhere then."""
     factor = stretch * (1.0 + 1e-9 * 10.0**attempt)
     begin = trajectory.times[0]
     times = begin + factor * (trajectory.times - begin)

@@ -3,7 +3,7 @@
 Among obstacles at rest, a motion that the certificate refuses is optimised again with more weight on the clearance and
 more samples; then with samples where it touched. Among obstacles that move there is a certified motion already: its
 wait stays a wait, the rest is optimised with every obstacle where it is at the time, the departure too if there is a
-wait, and the result is taken if it is better and certified. `LOOKS` limits how often motions that are refused, or
+wait, and the result is taken if it is better and certified. `MAX_RETRIES` limits how often motions that are refused, or
 beyond torques and speeds, are optimised again, `GAINED` how fast motions within limits of the whole are.
 """
 
@@ -71,7 +71,7 @@ GAINED = 0.03
 NO_PLANES = CrossedPlanes((), (), {})  # of a motion that crosses none
 
 
-LOOKS = 3  # how often a motion that is refused again is optimised with samples where it touched, at most
+MAX_RETRIES = 3  # how often a motion that is refused again is optimised with samples where it touched, at most
 ANY_TIME = (0.0, -math.inf)  # `between` of a motion that begins at time 0, and may end at any
 
 
@@ -84,7 +84,7 @@ def optimize_motion(
     between: tuple[float, float] = ANY_TIME,
     judged_by: Judge = judge,
 ) -> CertifiedMotion | None:
-    """Optimise a motion; where it is refused among obstacles that rest, optimise it again, up to `LOOKS` times more.
+    """Optimise a motion; where it is refused among obstacles that rest, optimise it again, at most `MAX_RETRIES` times.
 
     Args:
         motion: Where it begins; among obstacles that move one that is certified, from time 0 on.
@@ -107,7 +107,7 @@ def optimize_motion(
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
     touched: list[TouchedPoint] = []
     heaviest = presets.HEAVIER_LOADS**2 * settings.load_weight
-    for attempt in range(2 + LOOKS):
+    for attempt in range(2 + MAX_RETRIES):
         with stages.entered("relax", message) as stage:
             optimized = optimize(problem, begun, settings, others, crossed.passages, None, *between, touched)
             stage.outcome = optimized.outcome.value

@@ -107,7 +107,7 @@ class TimedPath:
         return np.concatenate([stand[None], inner, self.at(min(until, self.length))[None]])
 
     def nearest(self, z: LocalPoint, since: float, until: float) -> float:
-        """The place [s] of a stretch of the path that is nearest to a point (nv,)."""
+        """The place [s] in a segment of the path that is nearest to a point (nv,)."""
         first = int(np.clip(np.searchsorted(self.begins, since, side="right") - 1, 0, len(self.points) - 2))
         last = max(first + 1, int(np.searchsorted(self.begins, min(until, self.length), side="left")))
         shares = self.speeds.min() / self.speeds  # at most 1: however slow joints are, nothing overflows

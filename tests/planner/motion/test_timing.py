@@ -146,7 +146,7 @@ UNLIMITED = np.full(7, np.inf)
 
 
 def analytic_duration(distance, velocity, acceleration):
-    """From rest to rest over a distance: bang-bang, or with a stretch at full speed."""
+    """From rest to rest over a distance: bang-bang, or with a segment at full speed."""
     if distance <= velocity**2 / acceleration:
         return 2.0 * np.sqrt(distance / acceleration)
     return distance / velocity + velocity / acceleration

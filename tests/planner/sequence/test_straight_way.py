@@ -16,8 +16,8 @@ from guidefield.engine import answer
 from guidefield.messages.replies import PlanReply
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.sequence.rounding import CurveByLength, round_corners
+from guidefield.planner.sequence.segments import PassedGoal
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
-from guidefield.planner.sequence.stretches import PassedGoal
 from guidefield.prove.verdict import Reason
 from guidefield.robot.group.kinematics import Kinematics
 

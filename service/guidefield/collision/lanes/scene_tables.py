@@ -304,7 +304,7 @@ def prepare_scene(scene: Scene, deadline: Deadline, told: Callable[[str], None] 
     _prepared.add(scene)
 
 
-POLYGONS_AT_ONCE = 256  # polygons whose tables are made together, between two looks at the clock: some milliseconds
+POLYGONS_AT_ONCE = 256  # polygons whose tables are made together, between two checks of the clock: some milliseconds
 _prepared = MemoSet()
 
 _MADE = Answers[_Tables]()  # tables of obstacles that are no primitives

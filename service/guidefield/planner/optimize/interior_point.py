@@ -1,10 +1,10 @@
-"""Newton's method on a motion's control points and the length of its pieces, between looks at its clearance.
+"""Newton's method on a motion's control points and the length of its pieces, between evaluations of its clearance.
 
-A look evaluates clearance and loads (torques, speeds in space) with their derivatives, which takes far more time than
-all else. So Newton's method goes on with its quadratic model as long as that brings much, before the next look. The
-constants change the motion and the number of looks; limits of rates are kept whatever they are. Loads are measured
-again in the end: a motion beyond them that can't be slowed down is refused. service/docs/algorithm.md and motions.md
-repeat `FREE_SHARE`.
+An evaluation computes clearance and loads (torques, speeds in space) with their derivatives, which takes far more time
+than all else. So Newton's method goes on with its quadratic model as long as that brings much, before the next
+evaluation. The constants change the motion and the number of evaluations; limits of rates are kept whatever they are.
+Loads are measured again in the end: a motion beyond them that can't be slowed down is refused.
+service/docs/algorithm.md and motions.md repeat `FREE_SHARE`.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ TORQUE_SAMPLES = 128  # about this many on a motion, two on each piece at least.
 SPEED_SAMPLES = 64
 # share of its limit up to which a load costs nothing. With 0.9 and 0.97 motions are 0.5 and 1 % slower
 FREE_SHARE = 0.95
-# share from which on a load is linearized. With 0.4 there are 4 % fewer looks, with 0.75 and 0.9 11 and 36 % more; as
-# long as only what is beyond `FREE_SHARE` was linearized there were three times as many
+# share from which on a load is linearized. With 0.4 there are 4 % fewer evaluations, with 0.75 and 0.9 11 and 36 %
+# more; as long as only what is beyond `FREE_SHARE` was linearized there were three times as many
 LINEARIZE_ABOVE = 0.6
 
 
 class _LoadMemory(NamedTuple):
-    """Memory for the loads of a look: the largest, and the linearized ones as `LoadModel` has them."""
+    """Memory for the loads of an evaluation: the largest, and the linearized ones as `LoadModel` has them."""
 
     largest: np.ndarray  # at each sample, by limit, shape (l, pieces s)
     pieces: np.ndarray
@@ -72,7 +72,7 @@ def no_loads(nv: int) -> LoadModel:
 
 @dataclass(frozen=True, eq=False)
 class LoadSamples(ReadOnly):
-    """The samples at which a motion's loads are examined, with memory for two looks, by turns."""
+    """The samples at which a motion's loads are examined, with memory for two evaluations, by turns."""
 
     effort: EffortLimit | None
     speeds: tuple[CartesianLimit, ...]
@@ -111,7 +111,7 @@ class LoadSamples(ReadOnly):
         return weight / float(self.memory[0].largest.shape[1])
 
     def measure(self, spline: BSpline) -> float:
-        """Look at the loads of a motion; return the sum of squares beyond `FREE_SHARE`."""
+        """Evaluate the loads of a motion; return the sum of squares beyond `FREE_SHARE`."""
         total, rows = 0.0, iter(self.memory[0].largest)
         where = spline.points, spline.step, self.bases, FREE_SHARE
         if self.effort is not None:
@@ -134,13 +134,13 @@ class LoadSamples(ReadOnly):
         return LoadModel(torques, count, self.weight(weight), FREE_SHARE, self.bases, *self.seen[turn][1:])
 
 
-SOFTER = 0.7  # factor of the stiffness after a look at which the motion that the model gave was better. Unrecorded
+SOFTER = 0.7  # factor of the stiffness if the motion that the model gave proved better. Unrecorded
 STIFFER = 2.0  # the same where it was not, to 1 at most. Unrecorded
 # Newton's method takes no further step once a coordinate is farther than this from the last evaluation [rad or m]; a
 # single step may pass it. With 0.1 and 0.5 the same motions in the same time, on the problems of `settings`
 STOP_DISTANCE = 0.25
 CLOSER = 0.4  # a motion that proves no better is tried at this share of the way to there. Unrecorded
-LOOKS = 8  # so often at most. Unrecorded
+MAX_CLOSER = 8  # so often at most. Unrecorded
 TRIES = 24  # how often a step is tried shorter, or a motion closer to be within limits, at most. Unrecorded
 MOST_STRETCHED = 0.5  # most that the logarithm of the length of pieces changes in one step. Unrecorded
 DAMPING = 1e-9  # added to the Hessian's diagonal, as a share of it, against rounding
@@ -157,9 +157,9 @@ def _machine_code(kernel: Any) -> Any:
 
 
 class _CheckedOnce:
-    """A kernel whose arguments are of the same types in each call: numba looks at them in the first call alone.
+    """A kernel whose arguments are of the same types in each call: numba examines them in the first call alone.
 
-    At the seventy arrays of a look's arguments it looks for 17 us, of the 60 that an easy look takes.
+    It examines the seventy arrays of an evaluation's arguments for 17 us, of the 60 that an easy evaluation takes.
     """
 
     def __init__(self, kernel: Any) -> None:
@@ -192,7 +192,7 @@ class OptimizationProblem(ReadOnly):
 
     @cached_property
     def clearance_along(self) -> _CheckedOnce:
-        """The kernel that looks at clearances."""
+        """The kernel that evaluates clearances."""
         return _CheckedOnce(clearance_along)
 
     @cached_property
@@ -269,7 +269,7 @@ class PenalizedObjective(ReadOnly):
 
     question: OptimizationProblem
     samples: MotionSamples
-    near: NearBodies  # which obstacles were near there; kept up to date by looking at them
+    near: NearBodies  # which obstacles were near there; kept up to date by evaluations
     count: int
     loads: LoadSamples | None  # None where nothing limits any
     constrained: KeptSamples
@@ -277,7 +277,7 @@ class PenalizedObjective(ReadOnly):
     unit: float  # length of the first motion's pieces, if it had as many [s]
     room: DescentRoom
     nothing_loaded: LoadModel
-    # memory for the derivatives of two looks, by turns: new one would cost as much as a third of a look
+    # memory for the derivatives of two evaluations, by turns: new one would cost as much as a third of an evaluation
     memory: tuple[_Memory, _Memory]
 
     @classmethod
@@ -309,7 +309,7 @@ class PenalizedObjective(ReadOnly):
         loads = LoadSamples.of(question.motion_limits, spline.pieces, nv) if question.motion_limits else None
         return cls(question, placed, near, samples, loads, constrained, ends, unit, room, no_loads(nv), memory)
 
-    def look(
+    def evaluate(
         self,
         spline: BSpline,
         passed: tuple[float, ...] = (),
@@ -317,9 +317,9 @@ class PenalizedObjective(ReadOnly):
         most: float = math.inf,
         beside: Evaluation | None = None,
     ) -> Evaluation:
-        """A look at the clearance of a motion, which costs most, and at its passages, near where they were.
+        """Evaluate the clearance of a motion, which costs most, and its passages, near where they were.
 
-        Its derivatives are good until the next look, or where that is `beside` it, until the one after that.
+        Its derivatives are good until the next evaluation, or where that is `beside` it, until the one after that.
 
         Args:
             passed: Where it came nearest to each passage, in pieces from the start.
@@ -366,14 +366,14 @@ class PenalizedObjective(ReadOnly):
         expanded = self.nothing_loaded if loads is None or value == math.inf else loads.linearize(spline, turn, weight)
         return Evaluation(spline, model, expanded, kept, tuple(here), stiffness)
 
-    def cost(self, look: Evaluation, limit_weight: float) -> float:
+    def cost(self, evaluation: Evaluation, limit_weight: float) -> float:
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
-        return self._but_clearance(look.spline, limit_weight) + self._of_samples(look)
+        return self._but_clearance(evaluation.spline, limit_weight) + self._of_samples(evaluation)
 
-    def _of_samples(self, look: Evaluation) -> float:
-        constrained = len(look.constrained.frames.kinds) > 0
-        value = look.model.value + (constraint_penalty(look.constrained, look.spline.points) if constrained else 0.0)
-        return value + (load_penalty(look.loads, look.spline.points, look.spline.step) if look.loads.rows else 0.0)
+    def _of_samples(self, evaluation: Evaluation) -> float:
+        spline, model, loads, constrained, *_ = evaluation
+        kept = constraint_penalty(constrained, spline.points) if len(constrained.frames.kinds) > 0 else 0.0
+        return model.value + kept + (load_penalty(loads, spline.points, spline.step) if loads.rows else 0.0)
 
     def _but_clearance(self, spline: BSpline, limit_weight: float) -> float:
         return self._arrival(spline) + limit_weight * self._barrier(spline)
@@ -386,21 +386,21 @@ class PenalizedObjective(ReadOnly):
         of_limits: float = self.question.limit_barrier(spline.points, spline.step, self.question.limits)
         return of_limits + of_times
 
-    def lower(self, look: Evaluation, limit_weight: float, steps: int | None = None) -> tuple[BSpline, float]:
-        """A motion after some of Newton's steps, and by how much its objective is lower as far as a look tells.
+    def lower(self, evaluation: Evaluation, limit_weight: float, steps: int | None = None) -> tuple[BSpline, float]:
+        """A motion after some of Newton's steps, and by how much its objective is lower as far as an evaluation tells.
 
         Args:
             steps: Maximum number of Newton's steps; None: that of the settings.
         """
-        spline, rules = look.spline, self.question.rules
+        spline, rules = evaluation.spline, self.question.rules
         points = spline.points.copy()
         step, begin, taken, gained = self.question.newton_descent(
-            look.model,
-            look.loads,
+            evaluation.model,
+            evaluation.loads,
             self.ends,
             self.question.limits,
             self.question.times,
-            look.constrained,
+            evaluation.constrained,
             rules if steps is None else rules._replace(steps=steps),
             self.unit,
             self.question.longest_step,
@@ -413,24 +413,26 @@ class PenalizedObjective(ReadOnly):
         return (BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else spline), gained
 
     def stepped(
-        self, look: Evaluation, spline: BSpline, before: float, limit_weight: float
+        self, evaluation: Evaluation, spline: BSpline, before: float, limit_weight: float
     ) -> tuple[Evaluation, float] | None:
-        """A look at a motion of a lower objective, the one given or one closer to the last, and that; None if none is.
+        """Evaluate a motion of a lower objective, the one given or one closer to the last; None if none is found.
 
-        Where the clearance proves to be another than the last look had told, a motion closer to that one is tried. The
-        next look's model is stiffer then, and softer where the first motion is better.
+        Returns the evaluation and the objective.
+
+        Where the clearance proves to be another than the last evaluation had told, a motion closer to that one is
+        tried. The next evaluation's model is stiffer then, and softer where the first motion is better.
         """
         settings, tried = self.question.settings, cast(BSpline | None, spline)
-        stiffness = max(settings.least_stiffness, SOFTER * look.stiffness)
-        for _ in range(LOOKS):
+        stiffness = max(settings.least_stiffness, SOFTER * evaluation.stiffness)
+        for _ in range(MAX_CLOSER):
             if tried is None:
                 return None
             rest = self._but_clearance(tried, limit_weight)
-            found = self.look(tried, look.passed, stiffness, before - rest, look)
+            found = self.evaluate(tried, evaluation.passed, stiffness, before - rest, evaluation)
             if (cost := rest + self._of_samples(found)) < before:
                 return found, cost
-            stiffness = min(1.0, STIFFER * max(stiffness, look.stiffness))
-            tried = self._closer(look.spline, tried)
+            stiffness = min(1.0, STIFFER * max(stiffness, evaluation.stiffness))
+            tried = self._closer(evaluation.spline, tried)
         return None
 
     def _closer(self, near: BSpline, far: BSpline) -> BSpline | None:

@@ -50,7 +50,7 @@ from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.joints import LocalPoints, LocalRate
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
-MOST_STEPS = 20  # most looks that bring something at each weight: easy motions take four, a Fetch's twenty
+MOST_STEPS = 20  # most evaluations that bring something at each weight: easy motions take four, a Fetch's twenty
 # pieces of the first motion are longer by this factor than its limits allow: with 1 nothing is optimised. Unrecorded
 ROOM = 1.02
 INSIDE = 1e-3  # share of a coordinate's range that the first motion keeps from its ends, above 0. Unrecorded
@@ -245,7 +245,7 @@ def optimize(
     best = descending.coarse(motion)
     rest = iter(others)
     while descending.outcome is None and not (
-        best and best.found.look.spline.duration <= settings.enough * least_time(problem, best.found.look.spline)
+        best and (spline := best.found.evaluation.spline).duration <= settings.enough * least_time(problem, spline)
     ):
         other = next(rest, None)
         if other is None:
@@ -254,9 +254,9 @@ def optimize(
     if best is None:
         problem.counters.iterations += descending.steps
         return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_WITHIN)
-    look = descending.fine(best)
+    evaluation = descending.fine(best)
     problem.counters.iterations += descending.steps
-    exact = move_onto_places(look.spline, passages, look.passed, best.question.limits.sizes)
+    exact = move_onto_places(evaluation.spline, passages, evaluation.passed, best.question.limits.sizes)
     if exact is None:
         return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_PASSING)
     spline, places = exact
@@ -274,13 +274,13 @@ def optimize(
 
 
 class _Descended(NamedTuple):
-    look: Evaluation
+    evaluation: Evaluation
     cost: float  # its objective
-    ahead: BSpline  # a motion that the look promises to be better, by less than another look is worth
+    ahead: BSpline  # a motion that the evaluation promises to be better, by less than another one is worth
 
     def finer(self) -> tuple[BSpline, tuple[float, ...]]:
         """That one in twice the pieces, and where it comes nearest to each passage."""
-        return self.ahead.subdivide(), tuple(2.0 * at for at in self.look.passed)
+        return self.ahead.subdivide(), tuple(2.0 * at for at in self.evaluation.passed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,9 +353,9 @@ class _Descending:
 
     def fine(self, coarse: _Coarse) -> Evaluation:
         if self.outcome is not None:
-            return coarse.found.look
+            return coarse.found.evaluation
         settings = self._settings
-        return self._descended(coarse.question, *coarse.found.finer(), settings.fine, settings.fine_samples).look
+        return self._descended(coarse.question, *coarse.found.finer(), settings.fine, settings.fine_samples).evaluation
 
     def _descended(
         self,
@@ -367,27 +367,27 @@ class _Descending:
     ) -> _Descended:
         """The motion after some weights of the limits' barrier, with some samples on a piece."""
         settings, descent = self._settings, PenalizedObjective.of(question, spline, samples)
-        look, cost, ahead = descent.look(spline, passed, settings.stiffness), np.inf, spline
+        evaluation, cost, ahead = descent.evaluate(spline, passed, settings.stiffness), np.inf, spline
         for limit_weight in weights:
-            cost, worth = descent.cost(look, limit_weight), settings.worth * math.sqrt(limit_weight)
+            cost, worth = descent.cost(evaluation, limit_weight), settings.worth * math.sqrt(limit_weight)
             for _ in range(MOST_STEPS):
                 self.outcome = self._ended()
                 if self.outcome is not None:
-                    return _Descended(look, cost, ahead)
-                ahead, promised = descent.lower(look, limit_weight)
+                    return _Descended(evaluation, cost, ahead)
+                ahead, promised = descent.lower(evaluation, limit_weight)
                 if promised <= worth * abs(cost):
                     break
-                stepped, ahead = descent.stepped(look, ahead, cost, limit_weight), look.spline
+                stepped, ahead = descent.stepped(evaluation, ahead, cost, limit_weight), evaluation.spline
                 if stepped is None:
                     break
-                before, (look, cost) = cost, stepped
-                ahead = look.spline
+                before, (evaluation, cost) = cost, stepped
+                ahead = evaluation.spline
                 self.steps += 1
                 if self._problem.is_observed:
-                    self._problem.tell(PathRelaxed(look.spline.waypoints(), cost))
+                    self._problem.tell(PathRelaxed(evaluation.spline.waypoints(), cost))
                 if before - cost < worth * abs(before):
                     break
-        return _Descended(look, cost, ahead)
+        return _Descended(evaluation, cost, ahead)
 
     def _ended(self) -> Outcome | None:
         if (status := self._problem.deadline.status()) is not None:
@@ -425,5 +425,5 @@ def brought_within(question: OptimizationProblem, spline: BSpline) -> BSpline | 
         read_only(*rows)
         loosened = limits._replace(velocity=rows[0], acceleration=rows[1], jerk=rows[2])
         descent = PenalizedObjective.of(dataclasses.replace(question, limits=loosened), spline, settings.samples)
-        spline, _ = descent.lower(descent.look(spline), INWARD, INWARD_STEPS)
+        spline, _ = descent.lower(descent.evaluate(spline), INWARD, INWARD_STEPS)
     return None

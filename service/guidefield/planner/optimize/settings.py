@@ -49,14 +49,14 @@ class OptimizationSettings:
     # take more steps to the same motions
     coarse: tuple[float, ...] = (1e-2, 1e-3)
     fine: tuple[float, ...] = (1e-4, 1e-5)  # the same after that. Problems: 1e-5 alone keeps 0.5 mm less
-    # what a look at the clearance has to bring at a weight for another one, and what that one is promised to bring, as
-    # a share of the objective, against the root of the weight; see `free`
+    # what an evaluation of the clearance has to bring at a weight for another one, and what that one is promised to
+    # bring, as a share of the objective, against the root of the weight; see `free`
     worth: float = 0.0
     stiffness: float = 1.0  # share of Gauss and Newton's Hessian of the clearance that the first model has; see `free`
     least_stiffness: float = 1.0  # at least so much of it is left
-    newton_steps: int = 8  # between two looks, at most. Problems: with 1 a quarter more looks are taken
+    newton_steps: int = 8  # between two evaluations, at most. Problems: with 1 a quarter more evaluations are taken
     # Newton's method ends where a step brought less than this share of the objective. Problems: with 0 it takes more
-    # steps between a tenth fewer looks, with 1e-2 more looks, in the same time
+    # steps between a tenth fewer evaluations, with 1e-2 more evaluations, in the same time
     little: float = 3e-3
     shorter: float = 0.8  # a step beyond limits, or that brings nothing, is tried again this much shorter. Unrecorded
     # a step that promises less than this share of the objective is not taken. With 3e-4 motions are 0.1 % faster and
@@ -105,13 +105,13 @@ MANY = 24  # motions of more coordinates are optimised `of_many`, and past goals
 def of_many(settings: OptimizationSettings) -> OptimizationSettings:
     """For a motion of many coordinates.
 
-    One of Newton's steps takes work with their third power, and a look at the clearance with their second; a chain's
-    length in them grows with their number, though its shape needs no more pieces. By the thesis' tapered passage and
-    its tubes, for chains of 12 and 24 links: with 64 pieces the optimisation takes two to three times as long, for
-    motions that are 2 % shorter to 6 % longer and keep 3 mm more to 17 less; with 12 some are refused at first. With
-    longer steps up to twice as many looks are taken, as most prove too long; with more of them between two looks
-    Newton's method takes up to twice as long; with 1e-4 and 1e-5 in place of one last weight up to half as long again.
-    Motions are the same with all of these to 2 mm and 0.2 % of their time.
+    One of Newton's steps takes work with their third power, and an evaluation of the clearance with their second; a
+    chain's length in them grows with their number, though its shape needs no more pieces. By the thesis' tapered
+    passage and its tubes, for chains of 12 and 24 links: with 64 pieces the optimisation takes two to three times as
+    long, for motions that are 2 % shorter to 6 % longer and keep 3 mm more to 17 less; with 12 some are refused at
+    first. With longer steps up to twice as many evaluations are taken, as most prove too long; with more of them
+    between two evaluations Newton's method takes up to twice as long; with 1e-4 and 1e-5 in place of one last weight up
+    to half as long again. Motions are the same with all of these to 2 mm and 0.2 % of their time.
     """
     few = settings.least_pieces
     return dataclasses.replace(settings, most_pieces=few, newton_steps=1, longest=0.05, fine=(3e-5,))
@@ -121,10 +121,11 @@ def of_many(settings: OptimizationSettings) -> OptimizationSettings:
 def free(settings: OptimizationSettings) -> OptimizationSettings:
     """For a motion that keeps no path constraints, of up to `MANY` coordinates, and passes nothing among what rests.
 
-    The Hessian of its clearance is mostly too stiff: with all of it many looks bring little, one after the other. On 78
-    problems of a Panda, a UR5, a Fetch and a Baxter 0.61, 0.67, 0.47 and 0.34 of the looks are taken, to motions that
-    take 1.00, 1.00, 0.96 and 0.92 of the time and keep 1 mm less to 7 mm more. Motions that cross guide planes get up
-    to 16 % longer with it; among obstacles that move 0.4 and 4 % (door.json, conveyor.json), in half the time.
+    The Hessian of its clearance is mostly too stiff: with all of it many evaluations bring little, one after the other.
+    On 78 problems of a Panda, a UR5, a Fetch and a Baxter 0.61, 0.67, 0.47 and 0.34 of the evaluations are taken, to
+    motions that take 1.00, 1.00, 0.96 and 0.92 of the time and keep 1 mm less to 7 mm more. Motions that cross guide
+    planes get up to 16 % longer with it; among obstacles that move 0.4 and 4 % (door.json, conveyor.json), in half the
+    time.
     """
     return dataclasses.replace(settings, worth=0.4, stiffness=0.5, least_stiffness=0.3)
 
@@ -133,10 +134,10 @@ def free(settings: OptimizationSettings) -> OptimizationSettings:
 def in_few_pieces(settings: OptimizationSettings) -> OptimizationSettings:
     """The same from rest to rest among what rests: it begins with half the pieces, which are subdivided twice.
 
-    While limits weigh much a motion's shape needs few pieces, and Newton's steps and looks at the clearance take time
-    with their number. With less of `little` there are fewer looks, with less of `worth` more (with 0.25 a twentieth
-    fewer, and motions of a UR5 that take 0.2 % longer on 168 problems), and motions that keep a millimetre less without
-    more weight. On 181 problems of a Panda, 30 of which in cages, a UR5, a Fetch and a Baxter
+    While limits weigh much a motion's shape needs few pieces, and Newton's steps and evaluations of the clearance take
+    time with their number. With less of `little` there are fewer evaluations, with less of `worth` more (with 0.25 a
+    twentieth fewer, and motions of a UR5 that take 0.2 % longer on 168 problems), and motions that keep a millimetre
+    less without more weight. On 181 problems of a Panda, 30 of which in cages, a UR5, a Fetch and a Baxter
     samples are examined 0.81, 0.80, 0.82, 0.85 and 0.82 times as often, for motions that take 1.00 of the time and
     keep 0.3 mm less, 0.2 more, 0.6 less, 1.4 more and 0.8 less in the mean. Tried without
     gain: a third of the points until then, a Hessian that is scaled by secants for each sample, pieces chosen anew by
@@ -157,10 +158,10 @@ def in_few_pieces(settings: OptimizationSettings) -> OptimizationSettings:
 
 
 def in_space(settings: OptimizationSettings) -> OptimizationSettings:
-    """For a motion that keeps limits of speed in space: its shape changes much, by many looks that bring little.
+    """For a motion that keeps limits of speed in space: its shape changes much, by many evaluations that bring little.
 
-    On 30 problems of a Panda as pose goals, with 0.25 m/s for its hand, 1.0 has a seventh more looks for motions that
-    take as long, 3.0 a tenth fewer for motions that take 0.4 % longer, and without this 57 for 23, for 2 % less.
+    On 30 problems of a Panda as pose goals, with 0.25 m/s for its hand, 1.0 has a seventh more evaluations for motions
+    that take as long, 3.0 a tenth fewer for motions that take 0.4 % longer, and without this 57 for 23, for 2 % less.
     """
     return dataclasses.replace(settings, worth=2.0)
 
@@ -191,9 +192,10 @@ def guided(settings: OptimizationSettings) -> OptimizationSettings:
     """For a motion of up to `MANY` coordinates that crosses guide planes among what rests.
 
     By 17 of the thesis' scenes, chains of up to six links. The Hessian of a crossing holds a motion that goes through
-    its plane by a rest, so that each look moves it by next to nothing: with 2e-3 instead of 1e-3 some take 9 % longer,
-    with 5e-4 some keep a tenth less. With a floor of 45 mm these motions keep up to 31 % less, with 70 mm one takes
-    12 % longer. With 64 pieces they keep 2 % more, take 0.7 % longer, and each look and step takes twice the time.
+    its plane by a rest, so that each evaluation moves it by next to nothing: with 2e-3 instead of 1e-3 some take 9 %
+    longer, with 5e-4 some keep a tenth less. With a floor of 45 mm these motions keep up to 31 % less, with 70 mm one
+    takes 12 % longer. With 64 pieces they keep 2 % more, take 0.7 % longer, and each evaluation and step takes twice
+    the time.
     """
     return dataclasses.replace(_kept_from(settings, 0.065), few=True, worth=0.2, most_pieces=32, crossing=1e-3)
 
@@ -202,7 +204,7 @@ def guided_of_many(settings: OptimizationSettings) -> OptimizationSettings:
     """The same for one of more coordinates.
 
     By eight of the thesis' scenes, chains of 10 to 48 links. What costs most are Newton's steps, so that these may be
-    longer, though more looks find them too long: with 0.05, and 1e-2 as the first weight, there are a fifth more.
+    longer, though more evaluations find them too long: with 0.05, and 1e-2 as the first weight, there are a fifth more.
     With 0.15 one keeps 10 % less, with 1e-2 and 0.1 one isn't certified at first. With a worth of 0.1 they keep up to
     17 % less, with one of 0.02 as much. With a floor of 45 mm one in a tube keeps 31 % less, with 70 mm they keep 11 mm
     less in the mean and take 0.1 % less time, with 100 mm up to 4 % more. The crossings' Hessian holds them as it does

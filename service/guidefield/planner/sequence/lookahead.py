@@ -4,8 +4,8 @@ Ends of steps are examined, not the motions between them: each later step needs 
 a straight way one from which the robot can follow it, from some configuration that the steps before it leave.
 
 With more `ENOUGH`, `BRANCHES` and `DRAWS`, all above 0, fewer possible sequences are refused, for more time. With more
-`LOOKS` impossible ones are refused sooner, but also those whose later ends are among configurations that weren't drawn.
-What is kept is planned and certified as ever. Draw `k` takes the seed `seed + k`.
+`MAX_EXAMINED_STEPS` impossible ones are refused sooner, but also those whose later ends are among configurations that
+weren't drawn. What is kept is planned and certified as ever. Draw `k` takes the seed `seed + k`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ import numpy as np
 from guidefield.collision.clearance import blocking_pairs, contacts_at
 from guidefield.errors import Status
 from guidefield.planner.ends import explain_unreached, find_goal_points
-from guidefield.planner.sequence.course import Course, S, StepMotion
+from guidefield.planner.sequence.segments import whole_configuration
+from guidefield.planner.sequence.step_sequence import S, StepMotion, StepSequence
 from guidefield.planner.sequence.straight_way import StraightWay, follow_way, make_stop_ending
-from guidefield.planner.sequence.stretches import whole_configuration
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
@@ -31,7 +31,7 @@ from guidefield.robot.model.joints import LocalPoint, LocalPoints
 
 ENOUGH = 2  # this many configurations with a future are enough for a step, those nearest to its start
 BRANCHES = 3  # configurations of a later step that are tried
-LOOKS = 30  # later steps examined for one end of a step: if it isn't refuted by then, it counts as possible
+MAX_EXAMINED_STEPS = 30  # for one end of a step: if it isn't refuted by then, it counts as possible
 DRAWS = 3  # how often other configurations are drawn where none that was found has a future
 
 
@@ -47,7 +47,7 @@ class StepRefusal:
 class _LookAhead:
     """The number of steps examined, and the refusal farthest ahead."""
 
-    looks: int = 0
+    examined_steps: int = 0
     refused: StepRefusal | None = None
 
     def refuse(self, index: int, ending: Ending) -> None:
@@ -55,14 +55,14 @@ class _LookAhead:
             self.refused = StepRefusal(index, ending)
 
 
-def keep_possible_goals(course: Course[S], index: int, at: S, motion: StepMotion) -> Problem | StepRefusal:
+def keep_possible_goals(steps: StepSequence[S], index: int, at: S, motion: StepMotion) -> Problem | StepRefusal:
     """The problem of a step whose goals are only those that leave the later steps possible.
 
     Returns:
         The problem as it is where there is nothing to choose; else with a `ConfigurationGoal`. Or what can't be done.
     """
     problem = motion.problem
-    last = not any(course.moves(later) for later in range(index + 1, len(course)))
+    last = not any(steps.moves(later) for later in range(index + 1, len(steps)))
     if last or motion.way is not None or problem.guide_planes or isinstance(problem.goal, LastPlaneGoal):
         return problem
     if not isinstance(problem.goal, TipGoal) and len(problem.goal.configurations) < 2:
@@ -74,7 +74,7 @@ def keep_possible_goals(course: Course[S], index: int, at: S, motion: StepMotion
         except StageFailed as failed:
             return StepRefusal(index, failed.ending)
         assert goals is not None, "a plane is no choice"
-        kept = _filter_goals(course, index, at, problem, goals, search)
+        kept = _filter_goals(steps, index, at, problem, goals, search)
         if kept:
             chosen = ConfigurationGoal(tuple(problem.group.from_local(z) for z in kept))
             return dataclasses.replace(problem, goal=chosen)
@@ -85,13 +85,13 @@ def keep_possible_goals(course: Course[S], index: int, at: S, motion: StepMotion
 
 
 def _filter_goals(
-    course: Course[S], index: int, at: S, problem: Problem, goals: LocalPoints, search: _LookAhead
+    steps: StepSequence[S], index: int, at: S, problem: Problem, goals: LocalPoints, search: _LookAhead
 ) -> list[LocalPoint]:
     kept: list[LocalPoint] = []
     for z in _sort_by_distance(problem, goals):
-        after = course.after(index, at, whole_configuration(problem.group, problem.group.from_local(z)), math.inf)
-        search.looks = 0
-        if _is_possible(course, index + 1, after, search):
+        after = steps.after(index, at, whole_configuration(problem.group, problem.group.from_local(z)), math.inf)
+        search.examined_steps = 0
+        if _is_possible(steps, index + 1, after, search):
             kept.append(z)
         if len(kept) == ENOUGH:
             break
@@ -104,14 +104,14 @@ def _sort_by_distance(problem: Problem, zs: LocalPoints) -> list[LocalPoint]:
     return [cast(LocalPoint, zs[index]) for index in order]
 
 
-def _is_possible(course: Course[S], index: int, at: S, search: _LookAhead) -> bool:
-    if index == len(course):
+def _is_possible(steps: StepSequence[S], index: int, at: S, search: _LookAhead) -> bool:
+    if index == len(steps):
         return True
-    motion = course.motion(index, at, math.inf)
+    motion = steps.motion(index, at, math.inf)
     if motion is None:
-        return _is_possible(course, index + 1, course.after(index, at, at.q, math.inf), search)
-    search.looks += 1
-    if search.looks > LOOKS or motion.problem.deadline.expired():
+        return _is_possible(steps, index + 1, steps.after(index, at, at.q, math.inf), search)
+    search.examined_steps += 1
+    if search.examined_steps > MAX_EXAMINED_STEPS or motion.problem.deadline.expired():
         return True
     ends = _find_ends(motion, index, search)
     if ends is None:
@@ -119,9 +119,9 @@ def _is_possible(course: Course[S], index: int, at: S, search: _LookAhead) -> bo
     group = motion.problem.group
     return any(
         _is_possible(
-            course,
+            steps,
             index + 1,
-            course.after(index, at, whole_configuration(group, group.from_local(z)), math.inf),
+            steps.after(index, at, whole_configuration(group, group.from_local(z)), math.inf),
             search,
         )
         for z in ends

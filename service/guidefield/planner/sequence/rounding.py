@@ -39,8 +39,7 @@ from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes
 from guidefield.planner.path_so_far import retime_motion, time_path, time_path_ignoring_jerk
-from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.sequence.stretches import (
+from guidefield.planner.sequence.segments import (
     GoalPassage,
     JoinedMotion,
     PassedGoal,
@@ -49,6 +48,7 @@ from guidefield.planner.sequence.stretches import (
     find_refused_part,
     find_slowest,
 )
+from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.prove.verdict import Reason, Verdict
@@ -206,7 +206,7 @@ def _add_edges(motion: Trajectory, goals: Sequence[PassedGoal]) -> Trajectory:
     return Trajectory(refined, *motion.evaluate(refined)[:2])
 
 
-LOOKS = 8  # chords of each piece of a motion by which its length is measured
+CHORDS_PER_PIECE = 8  # of a motion, by which its length is measured
 RADIUS_SHARE = 0.9  # of a radius that a corner takes: a spline through its places stays within the radius, too
 MOST_OF_CURVE = 0.5  # share of a curve's length that a corner takes at most: the other end has as much
 LEAST_PLACES = 16  # on a corner, at least
@@ -217,7 +217,7 @@ class CurveByLength:
     """The curve of a motion by its length."""
 
     def __init__(self, motion: Trajectory) -> None:
-        within = np.arange(LOOKS) / LOOKS
+        within = np.arange(CHORDS_PER_PIECE) / CHORDS_PER_PIECE
         times = (motion.times[:-1, None] + within * np.diff(motion.times)[:, None]).ravel()
         self._motion, self._times = motion, np.append(times, motion.times[-1])
         self.places = motion.evaluate(self._times)[0]

@@ -2,7 +2,7 @@
 
 It fails as a whole. The goals of a step are chosen so that the later steps stay possible (lookahead.py). A step whose
 goal is passed is planned to its end, too, and joined with the next one (rounding.py). Only what is certified as a
-whole, each stretch by its own conditions (stretches.py), is a success; names of stages and details are those of
+whole, each segment by its own conditions (segments.py), is a success; names of stages and details are those of
 replies.
 """
 
@@ -22,29 +22,29 @@ from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import CERTIFY_GRACE_S, find_excess
 from guidefield.planner.plan import Plan
-from guidefield.planner.sequence.course import (
-    AllowedContact,
-    Course,
-    S,
-    StepMotion,
-    find_allowed_times,
-    find_held_spans,
-)
 from guidefield.planner.sequence.lookahead import StepRefusal, keep_possible_goals
 from guidefield.planner.sequence.rounding import join_motions
-from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.sequence.stretches import (
+from guidefield.planner.sequence.segments import (
     Composition,
     Embedding,
     PassedGoal,
+    SequenceSegment,
     StepPart,
-    Stretch,
-    certify_stretch,
-    choose_stretches,
+    certify_segment,
+    choose_segment_rows,
     insert_knots,
-    make_stretches,
+    make_segments,
     whole_configuration,
 )
+from guidefield.planner.sequence.step_sequence import (
+    AllowedContact,
+    S,
+    StepMotion,
+    StepSequence,
+    find_allowed_times,
+    find_held_spans,
+)
+from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.planner.task.stages import Ending, Stages, make_refusal
 from guidefield.planner.task.trace import Event, Note, Observer, PathRelaxed, StageLeft, Step, TreeGrown
@@ -92,12 +92,12 @@ class SequencePlan(ReadOnly, Generic[S]):
     legs: tuple[StepResult[S], ...]
     # local coordinates of all joints, shape (n, nv): of all steps, or of the one that failed as far as it went
     path: LocalPoints
-    # the certificate's judgements of the stretches; of a sequence that failed, of `path` alone
+    # the certificate's judgements of the segments; of a sequence that failed, of `path` alone
     verdicts: tuple[Verdict, ...]
     failed_at: S | None = None  # where everything was when the step began that failed; None where none did
     # what the robot would execute; None where a step failed before it was certified
     trajectory: Trajectory | None = None
-    stretches: tuple[Stretch, ...] = ()
+    segments: tuple[SequenceSegment, ...] = ()
     drawn: DrawnMotion | None = None  # what a controller is sent of it; None where that isn't asked for
     permissions: tuple[AllowedContact, ...] = ()
     stages: tuple[StageLeft, ...] = ()
@@ -111,17 +111,17 @@ class SequencePlan(ReadOnly, Generic[S]):
 
 
 def plan_sequence(
-    course: Course[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
+    steps: StepSequence[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
 ) -> SequencePlan[S]:
     """Plan a sequence."""
-    return _SequencePlanning(course, start, whole, deadline, observer).plan()
+    return _SequencePlanning(steps, start, whole, deadline, observer).plan()
 
 
 class _SequencePlanning(Generic[S]):
     def __init__(
-        self, course: Course[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
+        self, steps: StepSequence[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
     ) -> None:
-        self._course, self._at, self._whole = course, start, whole
+        self._steps, self._at, self._whole = steps, start, whole
         self._deadline, self._observer = deadline, observer
         self._composition = Composition(whole.to_local(whole.q_origin))
         self._legs: list[StepResult[S]] = []
@@ -132,7 +132,7 @@ class _SequencePlanning(Generic[S]):
         self._warnings: list[str] = []
 
     def plan(self) -> SequencePlan[S]:
-        for index in range(len(self._course)):
+        for index in range(len(self._steps)):
             self._observer.observe(Note(f"step {index} begins"))
             try:
                 failed = self._step(index)
@@ -143,12 +143,12 @@ class _SequencePlanning(Generic[S]):
         return self._certified()
 
     def _step(self, index: int) -> SequencePlan[S] | None:
-        course, at = self._course, self._at
+        steps, at = self._steps, self._at
         if index and (status := self._deadline.status()) is not None:
             ending = Ending(status, f"{end_reason(status)} before it was planned", {"stage": "ends"})
             return self._make_refusal(StepRefusal(index, ending), index, at)
         began = working_time()
-        conditions, motion = course.conditions(index, at), course.motion(index, at, self._now)
+        conditions, motion = steps.conditions(index, at), steps.motion(index, at, self._now)
         self._spend("load", began)
         path, q = self._z[None], at.q
         if motion is not None:
@@ -167,10 +167,10 @@ class _SequencePlanning(Generic[S]):
         way, problem = (None, None) if motion is None else (motion.way, motion.problem)
         now = self._composition.end
         self._legs.append(StepResult(index, at, (now, now), conditions, path, way, (now, now), problem))
-        if course.passes(index) is None:
+        if steps.passes(index) is None:
             self._composed(index)
         began = working_time()
-        self._at = course.after(index, at, q, self._now)
+        self._at = steps.after(index, at, q, self._now)
         self._spend("load", began)
         return None
 
@@ -187,10 +187,10 @@ class _SequencePlanning(Generic[S]):
             self._composition.move(moved[0].trajectory, moved[0].embedding)
             self._legs[-1] = dataclasses.replace(self._legs[-1], straight=(begin, self._composition.end))
         arrived = self._composition.end
-        self._composition.wait(self._course.leaves_at(index, self._at, arrived))
+        self._composition.wait(self._steps.leaves_at(index, self._at, arrived))
         last = self._legs[-1]
         execution = last.conditions.execution
-        if execution is not None and index + 1 < len(self._course):  # ticks are those of each step by itself then
+        if execution is not None and index + 1 < len(self._steps):  # ticks are those of each step by itself then
             self._composition.wait(max(execution.find_arrival(arrived), execution.next_tick(self._composition.end)))
         self._legs[-1] = dataclasses.replace(
             last, span=(begin if len(moved) < 2 else last.span[0], self._composition.end)
@@ -217,7 +217,7 @@ class _SequencePlanning(Generic[S]):
         shift = moved.embedding.shift - self._moved[0].embedding.shift
         motion = moved.trajectory
         turned = Trajectory(motion.times, cast(LocalPoints, motion.positions + shift), motion.velocities)
-        radius, problem, first = self._course.passes(index), moved.motion.problem, self._moved[0].motion.problem
+        radius, problem, first = self._steps.passes(index), moved.motion.problem, self._moved[0].motion.problem
         if first.scene.moves:  # in the time of the whole
             world = World.build(problem.group, first.scene, problem.allowed_collisions)
             problem = dataclasses.replace(problem, scene=first.scene, world=world)
@@ -227,7 +227,7 @@ class _SequencePlanning(Generic[S]):
     def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | StepRefusal:
         watched = StepObserver(self._observer, motion.problem.group, self._whole, embedding)
         began = working_time()
-        problem = keep_possible_goals(self._course, index, self._at, motion)
+        problem = keep_possible_goals(self._steps, index, self._at, motion)
         self._spend("ends", began)
         if isinstance(problem, StepRefusal):
             return problem
@@ -239,18 +239,18 @@ class _SequencePlanning(Generic[S]):
         ended = Ending(Status.SUCCESS, "found a motion through all steps and certified it free over its whole length")
         stages = Stages(self._legs[0].conditions)
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
-            trajectory, stretches, permissions = self._parts()
+            trajectory, segments, permissions = self._parts()
             deadline = self._deadline.at_least(CERTIFY_GRACE_S)
-            judged: Iterable[Verdict] = (certify_stretch(stretch, deadline)[0] for stretch in stretches)
+            judged: Iterable[Verdict] = (certify_segment(segment, deadline)[0] for segment in segments)
             if (execution := self._legs[0].conditions.execution) is not None:
-                drawn, stretches, judged = choose_stretches(trajectory, execution, stretches, deadline)
-            for stretch, verdict in zip(stretches, judged, strict=False):
+                drawn, segments, judged = choose_segment_rows(trajectory, execution, segments, deadline)
+            for segment, verdict in zip(segments, judged, strict=False):
                 verdicts.append(verdict)
                 if not verdicts[-1].free:
-                    ended = _name_step(stretch.index, make_refusal(stretch, verdicts[-1]))
+                    ended = _name_step(segment.index, make_refusal(segment, verdicts[-1]))
                     break
-                if (excess := find_excess(stretch, stretch.executed)) is not None:
-                    ended = _name_step(stretch.index, excess)
+                if (excess := find_excess(segment, segment.executed)) is not None:
+                    ended = _name_step(segment.index, excess)
                     break
             stage.outcome = verdicts[-1].reason.value
         self._add(tuple(stages.left), stages.seconds, (), None)
@@ -262,13 +262,13 @@ class _SequencePlanning(Generic[S]):
             path=np.concatenate([leg.path for leg in self._legs]),
             verdicts=tuple(verdicts),
             trajectory=trajectory,
-            stretches=tuple(stretches[: len(verdicts)]) if ended.status is not Status.SUCCESS else tuple(stretches),
+            segments=tuple(segments[: len(verdicts)]) if ended.status is not Status.SUCCESS else tuple(segments),
             drawn=drawn,
             permissions=tuple(permissions),
             **self._describe(),
         )
 
-    def _parts(self) -> tuple[Trajectory, list[Stretch], list[AllowedContact]]:
+    def _parts(self) -> tuple[Trajectory, list[SequenceSegment], list[AllowedContact]]:
         trajectory, legs = self._composition.trajectory(), self._legs
         execution = legs[0].conditions.execution
         if execution is not None and execution.interpolation.holds:
@@ -276,7 +276,7 @@ class _SequencePlanning(Generic[S]):
         permissions = []
         for holding in find_held_spans(
             [leg.at.touches for leg in legs],
-            [self._course.detached(leg.index) for leg in legs],
+            [self._steps.detached(leg.index) for leg in legs],
             [leg.span for leg in legs],
             [leg.conditions for leg in legs],
         ):
@@ -296,19 +296,19 @@ class _SequencePlanning(Generic[S]):
             for one in permissions
         ]
         trajectory = insert_knots(trajectory, [time for one in permissions for time in (one.begin, one.end)])
-        stretches = [
-            stretch
+        segments = [
+            segment
             for leg in legs
-            for stretch in make_stretches(
+            for segment in make_segments(
                 leg.index, leg.conditions, trajectory, leg.span, permissions, leg.way, leg.straight
             )
         ]
-        return trajectory, stretches, permissions
+        return trajectory, segments, permissions
 
     def _make_refusal(self, refused: StepRefusal, step: int, at: S) -> SequencePlan[S]:
         base = self._z
-        stands = _make_standing_stretch(self._course.conditions(step, at), step, base, self._composition.end)
-        verdict, _ = certify_stretch(stands)
+        stands = _make_standing_segment(self._steps.conditions(step, at), step, base, self._composition.end)
+        verdict, _ = certify_segment(stands)
         ending = refused.ending
         if refused.index > step:
             message = f"{ending.message}, from any end of `steps[{step}]` that was tried"
@@ -372,10 +372,10 @@ def _snap_to_knots(time: float, knots: np.ndarray) -> float:
     return nearest if abs(nearest - time) <= KNOT_TOLERANCE else time
 
 
-def _make_standing_stretch(conditions: Conditions, index: int, z: LocalPoint, time: float) -> Stretch:
+def _make_standing_segment(conditions: Conditions, index: int, z: LocalPoint, time: float) -> SequenceSegment:
     still = Trajectory(np.array([time]), z[None], cast(LocalRates, np.zeros((1, len(z)))))
-    (stretch,) = make_stretches(index, conditions, still, (time, time), (), None, (time, time))
-    return stretch
+    (segment,) = make_segments(index, conditions, still, (time, time), (), None, (time, time))
+    return segment
 
 
 @dataclass(frozen=True)

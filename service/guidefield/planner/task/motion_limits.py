@@ -41,7 +41,7 @@ from guidefield.robot.model.joints import JointKind, LocalCurves, LocalPoints, L
 ACCURACY = 1e-3  # share by which a bound may be above the largest value found: replies state it
 CLOSE_ACCURACY = 1e-6  # the same where a limit is between the two
 KEPT_SHARE = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding: docs/certificate.md
-PIECES_AT_ONCE = 10_000  # pieces of a motion that are examined between two looks at the deadline
+PIECES_AT_ONCE = 10_000  # pieces of a motion that are examined between two checks of the deadline
 FEW_POINTS = 12  # points of a body that represent all where no bound is needed
 CORNERS = 16  # corners on each rim of the prism about a cylinder, which is up to 2 % wider; with more it is less
 

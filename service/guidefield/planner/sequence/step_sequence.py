@@ -1,7 +1,7 @@
 """Interfaces of a sequence's steps, which handlers implement; the times at which held objects may touch obstacles.
 
 At other times the certificate judges these pairs as all others. An object may touch until it is measured at `AWAY`, so
-with fewer looks it may longer, and all along where none finds it away.
+with fewer measurements it may longer, and all along where none finds it away.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Situation(Protocol):
 S = TypeVar("S", bound=Situation)
 
 
-class Course(Protocol[S]):
+class StepSequence(Protocol[S]):
     """The steps of a sequence."""
 
     def __len__(self) -> int: ...
@@ -106,8 +106,8 @@ class Course(Protocol[S]):
 
 
 AWAY = 5e-3  # an object at this distance from an obstacle has left it [m]: `Attach` and docs/steps.md promise it
-LOOKS_A_SECOND = 200.0  # distances of an object from an obstacle that it may touch are measured so often [Hz]
-MOST_LOOKS = 2000  # of these at most, over the whole time that it is held
+MEASURING_RATE = 200.0  # rate at which distances of an object from an obstacle that it may touch are measured [Hz]
+MAX_MEASUREMENTS = 2000  # of these at most, over the whole time that it is held
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class AllowedContact:
 
 @dataclass(frozen=True, eq=False)
 class HeldSpan:
-    """A stretch of steps in which an object is held that may touch something at its ends."""
+    """Consecutive steps in which an object is held that may touch something at its ends."""
 
     touch: Touch
     spans: Sequence[tuple[float, float]]  # times at which each step begins and ends [s]
@@ -139,7 +139,7 @@ def find_held_spans(
     spans: Sequence[tuple[float, float]],
     conditions: Sequence[Conditions],
 ) -> Iterator[HeldSpan]:
-    """The stretches of steps, from what may be touched, what is put down, the time and the conditions of each step."""
+    """The spans of steps, from what may be touched, what is put down, the time and the conditions of each step."""
     for touch in dict.fromkeys(touch for some in touches for touch in some):
         steps: list[int] = []
         for index, some in enumerate(touches):
@@ -167,7 +167,7 @@ def find_allowed_times(holding: HeldSpan, trajectory: Trajectory, min_clearance:
 def _measure_gaps(holding: HeldSpan, trajectory: Trajectory) -> Iterator[tuple[float, float]]:
     """Times while it is held, in order, and the distance of the object from the obstacle then [m]."""
     whole = holding.spans[-1][1] - holding.spans[0][0]
-    rate = min(LOOKS_A_SECOND, MOST_LOOKS / max(whole, 1e-9))
+    rate = min(MEASURING_RATE, MAX_MEASUREMENTS / max(whole, 1e-9))
     for (begin, end), world in zip(holding.spans, holding.worlds, strict=True):
         pairs = _find_pairs(world, holding.touch)
         if not pairs:

@@ -1,6 +1,7 @@
-"""Motions one after the other as one trajectory of all joints: joined past goals, each stretch certified.
+"""Motions one after the other as one trajectory of all joints: joined past goals, each segment certified.
 
-A stretch is a part of a step with the same permitted contacts and straight way, or none. `INSIDE` is the one setting.
+A segment is a part of a step with the same permitted contacts, and with one straight line or none. `INSIDE` is the one
+setting.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from guidefield.planner.motion_certificate import (
     judge_drawn,
     judge_itself,
 )
-from guidefield.planner.sequence.course import AllowedContact
+from guidefield.planner.sequence.step_sequence import AllowedContact
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.planner.task.motion_limits import take_lowest
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem, TipGoal
@@ -152,7 +153,7 @@ def cut_trajectory(trajectory: Trajectory, begin: float, end: float) -> Trajecto
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Stretch(Conditions):
+class SequenceSegment(Conditions):
     """A part of a sequence's trajectory, and what it is judged by."""
 
     index: int
@@ -165,14 +166,14 @@ class Stretch(Conditions):
         """The motion that a robot executes."""
         return self.motion if self.drawn is None else self.drawn
 
-    def drawn_of(self, whole: SubmittedMotion, *, is_last: bool) -> Stretch:
+    def drawn_of(self, whole: SubmittedMotion, *, is_last: bool) -> SequenceSegment:
         """The same with its part of what a controller draws of the whole, which may end after the motion."""
         begin, end = float(self.motion.times[0]), float(self.motion.times[-1])
         until = (len(whole.pieces) - 1, 1.0) if is_last else whole.place_at(end)
         return dataclasses.replace(self, drawn=whole.between(whole.place_at(begin), until))
 
 
-def make_stretches(
+def make_segments(
     index: int,
     conditions: Conditions,
     trajectory: Trajectory,
@@ -180,8 +181,8 @@ def make_stretches(
     permissions: Sequence[AllowedContact],
     way: StraightWay | None,
     straight: tuple[float, float],
-) -> list[Stretch]:
-    """The stretches of a step.
+) -> list[SequenceSegment]:
+    """The segments of a step.
 
     Args:
         trajectory: The sequence's, with a knot wherever a permission, or a straight way, begins or ends.
@@ -192,7 +193,7 @@ def make_stretches(
     changes = [time for one in permissions for time in (one.begin, one.end)] + list(straight if way else ())
     cuts = {time for time in changes if begin < time < end}
     fields = {field.name: getattr(conditions, field.name) for field in dataclasses.fields(Conditions)}
-    stretches = []
+    segments = []
     for first, last in pairwise([begin, *sorted(cuts), end]):
         touches = [one.touch for one in permissions if one.covers(first, last)]
         if touches:
@@ -203,26 +204,26 @@ def make_stretches(
             fields["allowed_collisions"], fields["world"] = conditions.allowed_collisions, conditions.world
         kept = straight[0] < straight[1] and straight[0] <= first and last <= straight[1]
         motion = cut_trajectory(trajectory, first, last)
-        stretches.append(Stretch(**fields, index=index, motion=motion, way=way if kept else None))
-    return stretches
+        segments.append(SequenceSegment(**fields, index=index, motion=motion, way=way if kept else None))
+    return segments
 
 
-def choose_stretches(
-    trajectory: Trajectory, execution: ControllerModel, stretches: Sequence[Stretch], deadline: Deadline
-) -> tuple[DrawnMotion, list[Stretch], list[Verdict]]:
-    """Choose the rows that a controller is sent of all stretches, as `choose_rows`.
+def choose_segment_rows(
+    trajectory: Trajectory, execution: ControllerModel, segments: Sequence[SequenceSegment], deadline: Deadline
+) -> tuple[DrawnMotion, list[SequenceSegment], list[Verdict]]:
+    """Choose the rows that a controller is sent of all segments, as `choose_rows`.
 
-    Returns what is drawn, each stretch with its part of it, and the verdicts up to the first that isn't free.
+    Returns what is drawn, each segment with its part of it, and the verdicts up to the first that isn't free.
     """
-    parts, verdicts = list[Stretch](), list[Verdict]()
+    parts, verdicts = list[SequenceSegment](), list[Verdict]()
 
     def judge_motion(motion: SubmittedMotion) -> tuple[Verdict, float]:
         nonlocal parts, verdicts
-        last = len(stretches) - 1
-        parts, verdicts = [one.drawn_of(motion, is_last=k == last) for k, one in enumerate(stretches)], []
+        last = len(segments) - 1
+        parts, verdicts = [one.drawn_of(motion, is_last=k == last) for k, one in enumerate(segments)], []
         stretched = 1.0
         for one in parts:
-            verdict, most = certify_stretch(one, deadline)
+            verdict, most = certify_segment(one, deadline)
             verdicts.append(verdict)
             stretched = max(stretched, most)
             if not verdict.free:
@@ -235,18 +236,18 @@ def choose_stretches(
     return chosen.drawn, parts, verdicts
 
 
-def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> tuple[Verdict, float]:
-    """Judge a stretch: free, and within its step's conditions; and `motion_certificate.ChosenExecution.stretch`."""
-    drawn, stretched = stretch.drawn, 1.0
+def certify_segment(segment: SequenceSegment, deadline: Deadline = UNLIMITED) -> tuple[Verdict, float]:
+    """Judge a segment: free, and within its step's conditions; and `motion_certificate.ChosenExecution.stretch`."""
+    drawn, stretched = segment.drawn, 1.0
     if drawn is None:
-        verdict, pieces = certify_from_start(stretch, stretch.motion, deadline), stretch.motion.bezier()
+        verdict, pieces = certify_from_start(segment, segment.motion, deadline), segment.motion.bezier()
     else:
         begin, pieces = drawn.along(0, 0.0)[1] or 0.0, drawn.straight if drawn.kind is CurveKind.STEPS else drawn.pieces
-        inside = find_enclosed_start(stretch, drawn.start, begin)
-        verdict, stretched = judge_drawn(stretch, drawn, deadline) if inside is None else (inside, 1.0)
-    if not verdict.free or stretch.way is None:
+        inside = find_enclosed_start(segment, drawn.start, begin)
+        verdict, stretched = judge_drawn(segment, drawn, deadline) if inside is None else (inside, 1.0)
+    if not verdict.free or segment.way is None:
         return verdict, stretched
-    kept = certify_straight(stretch.way, stretch.group, stretch.world.bodies.turns, pieces, deadline)
+    kept = certify_straight(segment.way, segment.group, segment.world.bodies.turns, pieces, deadline)
     return dataclasses.replace(kept, evaluations=verdict.evaluations + kept.evaluations), stretched
 
 
