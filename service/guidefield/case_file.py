@@ -152,7 +152,7 @@ def _describe_robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
         for mimic in joint.findall("mimic"):
             meant = followed.get(joint.get("name"))
             if meant is not None and mimic.get("joint") not in names:  # it lacks a prefix
-                law = {"joint": meant.driver, "multiplier": str(meant.multiplier), "offset": str(meant.offset)}
+                law = {"joint": meant.source, "multiplier": str(meant.multiplier), "offset": str(meant.offset)}
                 mimic.attrib.update(law)
     folders: dict[str, str] = {}
     for mesh in root.iter("mesh"):

@@ -206,7 +206,7 @@ def test_no_point_moves_further_than_the_bound(name, seed):
 
 
 @pytest.mark.parametrize("turn", [-np.pi, np.pi, 3.0 * np.pi])
-def test_followers_don_t_jump_where_their_driver_passes_half_a_turn(turn):
+def test_mimic_joints_don_t_jump_where_their_source_passes_half_a_turn(turn):
     place, rng = world("followed on and on"), np.random.default_rng(0)
     for _ in range(10):
         middle, half_widths = random_box(place, rng)[0], np.full(place.group.nv, 0.05)
@@ -269,13 +269,13 @@ def test_a_slide_counts_as_it_is():
     assert bounds_at(place, np.zeros(1), np.array([0.25])) == pytest.approx(0.25)
 
 
-def test_a_follower_counts_with_its_multiplier():
+def test_a_mimic_joint_counts_with_its_multiplier():
     place = world_of(grouped(box_arm("y mimic", 0)), [box("crate", (0.1, 0.1, 0.1), (2, 0, 0))])
     assert place.group.nv == 1
     bounds = bounds_at(place, np.zeros(1), np.array([0.4]))
     names = [place.pair_names(k) for k in range(len(place.pairs))]
     last = bounds[names.index(("l2", "crate"))]
-    # q = 0 puts the follower at its offset; both axes run through known places on z.
+    # q = 0 puts the mimic joint at its offset; both axes run through known places on z.
     tip = np.array([np.sin(0.2), np.cos(0.2)]) * 0.15 + [0, 0.3]
     radius = np.linalg.norm([0.02, 0.02, 0.135])
     expected = 2 * np.sin(0.2) * (np.linalg.norm(tip) + radius) + 2 * np.sin(0.1) * (0.15 + radius)

@@ -38,7 +38,7 @@ class Bare:
             q[self.robot.joint(name).idx_q] = value
         for joint in self.robot.joints:
             if joint.mimic is not None:
-                q[joint.idx_q] = joint.mimic.multiplier * q[self.robot.joint(joint.mimic.driver).idx_q]
+                q[joint.idx_q] = joint.mimic.multiplier * q[self.robot.joint(joint.mimic.source).idx_q]
                 q[joint.idx_q] += joint.mimic.offset
         pin.framesForwardKinematics(self.robot.model, self.data, q)
         pin.updateGeometryPlacements(self.robot.model, self.data, self.robot.geometry, self.scratch)

@@ -475,7 +475,7 @@ FOLLOWED = """<robot name="followed">
 <mimic joint="drive" multiplier="0.025" offset="-0.118"/></joint></robot>"""
 
 
-def test_a_follower_that_stands_at_its_limit_may_be_rounded_beyond_it() -> None:
+def test_a_mimic_joint_that_stands_at_its_limit_may_be_rounded_beyond_it() -> None:
     """Its law gives 2.8e-17 m more than its limit there."""
     assert 0.025 * 10.92 - 0.118 > 0.155
     reply = guidefield.answer(

@@ -191,7 +191,7 @@ def test_velocities_are_tangents(seed: int, kinds: str) -> None:
     np.testing.assert_allclose(local_rates(columns, rows, planned, z, "velocities"), rates, atol=1e-7)
 
 
-def test_a_follower_may_have_a_column_that_says_what_its_law_says() -> None:
+def test_a_mimic_joint_may_have_a_column_that_says_what_its_law_says() -> None:
     planned = grouped(box_arm("x mimic", 0))
     columns = columns_of(planned, ["j2", "j1"])
     rows = np.array([[-0.5 * x + 0.2, x] for x in (0.0, 0.4, 1.0)])
@@ -206,7 +206,7 @@ def test_a_follower_may_have_a_column_that_says_what_its_law_says() -> None:
         local_rates(rates, np.array([[0.5, 1.0]]), planned, rows[:1, 1:], "velocities")
 
 
-def test_a_follower_of_a_joint_without_a_column_stands_still() -> None:
+def test_a_mimic_joint_of_a_joint_without_a_column_stands_still() -> None:
     planned = grouped(box_arm("x mimic y", 0))
     alone = select(planned.robot, ["j3"], None, planned.robot.rest, pin.SE3.Identity())
     columns = columns_of(alone, ["j2", "j3"])

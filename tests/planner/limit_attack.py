@@ -150,9 +150,9 @@ def excess(reply: PlanReply, case: Case, urdf: str) -> Excess:
     low, high, speed, acceleration, jerk = extremes(*columns(reply))
     by_name = {name: column for column, name in enumerate(reply.velocity_names) if "." not in name}
     worst, joint = -np.inf, ""
-    for name, (lower, upper, scale, offset, driver) in ranges(urdf).items():
-        if driver in by_name:
-            ends = scale * low[by_name[driver]] + offset, scale * high[by_name[driver]] + offset
+    for name, (lower, upper, scale, offset, source) in ranges(urdf).items():
+        if source in by_name:
+            ends = scale * low[by_name[source]] + offset, scale * high[by_name[source]] + offset
             beyond = max(lower - min(ends), max(ends) - upper)
             worst, joint = max((worst, joint), (beyond, name))
     group, asked = case.group, case.request.limits
@@ -236,21 +236,21 @@ def ranges(urdf: str) -> dict[str, tuple[float, float, float, float, str]]:
             follows[name] = mimic.get("joint", ""), *terms
     found = {}
     for name, (lower, upper) in limits.items():
-        driver, scale, offset = name, 1.0, 0.0
-        while driver in follows:
-            driver, factor, more = follows[driver]
+        source, scale, offset = name, 1.0, 0.0
+        while source in follows:
+            source, factor, more = follows[source]
             scale, offset = scale * factor, offset + scale * more
-        own = limits.get(driver, (-np.inf, np.inf))  # one that turns on and on is bound by its followers alone
-        if driver == name or _can_be_kept(own, (lower, upper), scale, offset):
-            found[name] = lower, upper, scale, offset, driver
+        own = limits.get(source, (-np.inf, np.inf))  # one that turns on and on is bound by its mimic joints alone
+        if source == name or _can_be_kept(own, (lower, upper), scale, offset):
+            found[name] = lower, upper, scale, offset, source
     return found
 
 
-def _can_be_kept(driver: tuple[float, float], own: tuple[float, float], scale: float, offset: float) -> bool:
-    """Whether a follower is within its limits anywhere in its driver's range."""
+def _can_be_kept(source: tuple[float, float], own: tuple[float, float], scale: float, offset: float) -> bool:
+    """Return whether a mimic joint is within its limits somewhere in its source joint's range."""
     if scale == 0.0:
         return False
-    ends = sorted((scale * driver[0] + offset, scale * driver[1] + offset))
+    ends = sorted((scale * source[0] + offset, scale * source[1] + offset))
     return max(ends[0], own[0]) <= min(ends[1], own[1])
 
 

@@ -17,8 +17,8 @@ from guidefield.scene.scene import build
 from tests.robots import JOINTS, box_arm, grouped
 from tests.scene.solids import box_mesh, l_prism, room
 
-FOLLOWERS = ("mimic", "gear", "half-gear", "screw")
-DRIVERS = ("x", "y", "wide", "oblique", "continuous", "oblique-continuous", "slide")
+MIMICS = ("mimic", "gear", "half-gear", "screw")
+SOURCES = ("x", "y", "wide", "oblique", "continuous", "oblique-continuous", "slide")
 SEVERAL = ("planar", "floating")
 
 
@@ -65,8 +65,8 @@ def _as_executed(rng: np.random.Generator, motion: Motion) -> Motion:
 
 
 def _chain(rng: np.random.Generator) -> str:
-    first = str(rng.choice([*DRIVERS, *SEVERAL]))
-    others = [kind for kind in JOINTS if first in DRIVERS or kind not in FOLLOWERS]
+    first = str(rng.choice([*SOURCES, *SEVERAL]))
+    others = [kind for kind in JOINTS if first in SOURCES or kind not in MIMICS]
     return " ".join([first, *map(str, rng.choice(others, int(rng.integers(0, 3))))])
 
 

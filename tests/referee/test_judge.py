@@ -137,10 +137,10 @@ def test_a_pair_too_near_to_be_told_apart_is_undecided():
     assert (finding.answer, finding.about) == (Answer.UNDECIDED, ("l1", "wall"))
 
 
-@pytest.mark.parametrize("follower", ["gear", "half-gear", "mimic", "screw"])
-def test_followers_follow_the_unwrapped_value_beyond_half_a_turn(follower):
-    """A ball is within the last link where that is once the driver has turned by 4 rad; or beside it."""
-    planned = grouped(box_arm(f"continuous {follower}", 2), "l2")
+@pytest.mark.parametrize("mimic", ["gear", "half-gear", "mimic", "screw"])
+def test_mimic_joints_follow_the_unwrapped_value_beyond_half_a_turn(mimic):
+    """A ball is within the last link where that is once the source joint has turned by 4 rad; or beside it."""
+    planned = grouped(box_arm(f"continuous {mimic}", 2), "l2")
     world = world_of(planned, [])
     world.place(planned.expand_from_local(np.array([4.0])))
     there = world.placement(2)
@@ -187,8 +187,8 @@ def test_rates_are_judged_at_their_extrema(kind, limits):
         assert finding.about == ((), ("j1", kind))[answer is Answer.BEYOND_LIMIT]
 
 
-def test_a_follower_has_limits_of_its_own():
-    """At 6 rad the follower is at 0.2 * 6 - 0.1 = 1.1 m."""
+def test_a_mimic_joint_has_limits_of_its_own():
+    """At 6 rad the mimic joint is at 0.2 * 6 - 0.1 = 1.1 m."""
     planned = grouped(box_arm("wide screw", 2), "l2")
     (told,) = case_file.make_cases(straight(world_of(planned, []), [[0.0], [6.0]]))
     for upper, answer in ((1.11, Answer.FREE), (1.09, Answer.BEYOND_LIMIT)):

@@ -146,7 +146,7 @@ def test_a_packed_file_made_to_hurt_is_refused(content, fault, tmp_path, monkeyp
 def test_bodies_stand_where_the_robot_has_them(name):
     """Every collision shape, at a random configuration and root, by Pinocchio on the model that plans.
 
-    Among the joints are balls, a floating root, and followers.
+    Among the joints are balls, a floating root, and mimic joints.
     """
     rng = np.random.default_rng(5)
     model = robot(name)
@@ -278,7 +278,7 @@ FOLLOWING = """<robot name="hand"><link name="palm"/>
 <mimic joint="finger1" multiplier="0.5" offset="0.1"/></joint></robot>"""
 
 
-def test_a_follower_whose_source_lacks_a_prefix_follows_the_one_that_is_meant() -> None:
+def test_a_mimic_joint_whose_source_lacks_a_prefix_follows_the_one_that_is_meant() -> None:
     case = read(straight(world_of(grouped(UrdfText(text=FOLLOWING), "l2"), []), [[0.0], [0.3]]))
     assert case.spread.tolist() == [[1.0], [0.5]]
     assert case.offset.tolist() == [0.0, 0.1]

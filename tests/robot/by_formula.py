@@ -16,7 +16,7 @@ class ByFormula:
 
     Attributes:
         text: The URDF, its planar joints as joints of one freedom each.
-        model: Its model, in which followers are joints like others.
+        model: Its model, in which mimic joints are joints like others.
         data: Scratch space.
     """
 
@@ -37,8 +37,8 @@ class ByFormula:
             return given[planar][index]
         if name not in self._followed:
             return given[name]
-        driver, multiplier, offset = self._followed[name]
-        return multiplier * self.value(driver, given) + offset
+        source, multiplier, offset = self._followed[name]
+        return multiplier * self.value(source, given) + offset
 
     def configuration(self, given: Mapping[str, Any]) -> np.ndarray:
         """Configuration of `model`, shape (nq,), at values of the joints that follow none, as the wire has them."""

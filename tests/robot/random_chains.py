@@ -13,9 +13,9 @@ WOUND = ("continuous", "continuous", "revolute", "prismatic", "mimic", "mimic", 
 """Kinds of joints of which many are angles whose whole turns count."""
 
 MULTIPLIERS = (0.5, 1.5, -0.5, 2.0, -1.0)
-"""What followers turn by for one of the joint they follow, beside any number: halves, and whole ones, which return."""
+"""Turns of a mimic joint per turn of its source joint, beside any number: halves, and whole ones, which return."""
 
-PITCH = 0.05  # how much less followers slide than others turn [m/rad]
+PITCH = 0.05  # a sliding mimic joint's share of a turning one's multiplier [m/rad]
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1", "1 2 -0.5", "-0.3 0.1 0.9")
 _TURNS = ("0 0 0", "1.5708 0 0", "0 0.7 -0.2", "0.1 -1.2 3.1")
@@ -86,13 +86,13 @@ def _link(index: int, joint: RandomJoint) -> str:
 def _joint(index: int, joint: RandomJoint, before: list[RandomJoint]) -> str:
     kind, mimic = joint.kind, ""
     if kind == "mimic":
-        drivers = [k for k, other in enumerate(before, 1) if other.kind not in ("fixed", "planar", "floating")]
-        turning = [k for k in drivers if before[k - 1].kind == "continuous"]
-        drivers = turning if turning and index % 2 else drivers
+        sources = [k for k, other in enumerate(before, 1) if other.kind not in ("fixed", "planar", "floating")]
+        turning = [k for k in sources if before[k - 1].kind == "continuous"]
+        sources = turning if turning and index % 2 else sources
         kind = ("revolute", "prismatic", "continuous", "continuous", "prismatic")[index % 5]
-        driver = drivers[index % len(drivers)]
+        source = sources[index % len(sources)]
         multiplier = round(PITCH * joint.multiplier, 5) if kind == "prismatic" else joint.multiplier
-        mimic = f'<mimic joint="j{driver}" multiplier="{multiplier}" offset="{joint.offset}"/>'
+        mimic = f'<mimic joint="j{source}" multiplier="{multiplier}" offset="{joint.offset}"/>'
     scale = 0.1 if kind == "prismatic" else 1.0
     above = before[joint.parent - 1].length if joint.parent else joint.length
     return (

@@ -85,7 +85,7 @@ def test_joints_have_mujocos_ranges_kinds_and_laws(tmp_path: Path) -> None:
         np.testing.assert_allclose(joint.limits, model.joint(name).range, atol=1e-12)
     wrist, right = robot.joint("wrist"), robot.joint("right")
     assert wrist.kind is JointKind.SPHERICAL
-    assert (right.mimic.driver, right.mimic.multiplier, right.mimic.offset) == ("left", -1.0, 0.0)
+    assert (right.mimic.source, right.mimic.multiplier, right.mimic.offset) == ("left", -1.0, 0.0)
     np.testing.assert_allclose(robot.rest[:2], [0.5, 0.1])
 
 

@@ -146,7 +146,7 @@ def test_robots_with_angles_whose_turns_count_are_planned_for(seed: int) -> None
     assert planned_for(chain(random.Random(seed), 8, WOUND), seed)
 
 
-@pytest.mark.parametrize("kinds", [KINDS, WOUND], ids=["of every kind", "with followers"])
+@pytest.mark.parametrize("kinds", [KINDS, WOUND], ids=["of every kind", "with mimic joints"])
 @pytest.mark.skipif(not EXAMPLES, reason="tools/random_chains draws as many as it is told")
 @settings(THOROUGH, max_examples=EXAMPLES or 1)
 @given(st.data())

@@ -23,7 +23,7 @@ def winding(multiplier: float = PITCH) -> UrdfText:
     Args:
         multiplier: How far the slide moves for a radian of the arm [m].
     """
-    follower = _LIMIT.format(-5, 5) + f'<mimic joint="turn" multiplier="{multiplier}" offset="{OFFSET}"/>'
+    law = _LIMIT.format(-5, 5) + f'<mimic joint="turn" multiplier="{multiplier}" offset="{OFFSET}"/>'
     return UrdfText(
         text='<robot name="winding">'
         + _LINK.format("floor", "0 0 -1", 0.05)
@@ -32,7 +32,7 @@ def winding(multiplier: float = PITCH) -> UrdfText:
         + _LINK.format("tool", "0 0 0", 0.04)
         + _JOINT.format("lift", "prismatic", "floor", "mast", "0 0 1", _LIMIT.format(-0.6, 0.6))
         + _JOINT.format("turn", "continuous", "mast", "arm", "0 0 1", "")
-        + _JOINT.format("slide", "prismatic", "arm", "tool", "1 0 0", follower)
+        + _JOINT.format("slide", "prismatic", "arm", "tool", "1 0 0", law)
         + '<link name="forearm"/><link name="hand"/>'
         + '<joint name="elbow" type="revolute"><parent link="arm"/><child link="forearm"/><origin xyz="0.4 0 0.3"/>'
         + f'<axis xyz="0 0 1"/>{_LIMIT.format(-2.5, 2.5)}</joint>'

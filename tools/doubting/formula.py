@@ -24,9 +24,9 @@ class Formula:
     """A URDF as Pinocchio reads it, its meshes as Assimp does.
 
     Attributes:
-        model: Its model, in which followers are joints like others, and balls are floating joints that stay.
+        model: Its model, in which mimic joints are joints like others, and balls are floating joints that stay.
         geometry: Its collision geometry.
-        followed: By follower: the joint that it follows, multiplier and offset.
+        followed: By mimic joint: its source joint, multiplier and offset.
         planar: By part of a planar joint: the planar joint, and which of its values the part has.
     """
 
@@ -58,8 +58,8 @@ class Formula:
             return given[joint][:, index]
         if name not in self.followed:
             return given[name]
-        driver, multiplier, offset = self.followed[name]
-        return multiplier * self.value(driver, given) + offset
+        source, multiplier, offset = self.followed[name]
+        return multiplier * self.value(source, given) + offset
 
     def configurations(self, given: Values) -> np.ndarray:
         """Configurations of `model`, shape (n, nq), at values of the joints that follow none."""
@@ -76,7 +76,7 @@ class Formula:
         return np.ascontiguousarray(np.hstack(parts))
 
     def moved_by(self, planned: set[str]) -> list[frozenset[int]]:
-        """Return which of the planned joints, or their followers, are before each shape: indices of `model`."""
+        """Return which of the planned joints, or their mimic joints, are before each shape: indices of `model`."""
         moving = {j for j in range(1, self.model.njoints) if self._leader(self.model.names[j]) in planned}
         return [
             frozenset(j for j in self.model.supports[shape.parentJoint] if j in moving)

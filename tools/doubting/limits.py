@@ -61,14 +61,14 @@ def _limits(loaded: Loaded, request: Request, curve: Curve, rate: str) -> np.nda
     scale = {"velocity": request.max_velocity_scaling_factor, "acceleration": request.max_acceleration_scaling_factor}
     for part in curve.parts:
         found[part.at] = _own(loaded, request, part.name, rate)
-        for name, (driver, multiplier) in _followers(loaded).items():
-            if driver == part.name and multiplier != 0.0:
+        for name, (source, multiplier) in _find_mimics(loaded).items():
+            if source == part.name and multiplier != 0.0:
                 found[part.at] = np.minimum(found[part.at], _own(loaded, request, name, rate) / abs(multiplier))
         found[part.at] *= scale.get(rate, 1.0)
     return found
 
 
-def _followers(loaded: Loaded) -> dict[str, tuple[str, float]]:
+def _find_mimics(loaded: Loaded) -> dict[str, tuple[str, float]]:
     """By joint that follows another: the one at the end of its chain, and how many times as much it moves."""
     followed, found = loaded.subject.formula.followed, {}
     for name in followed:
@@ -99,14 +99,14 @@ def _own(loaded: Loaded, request: Request, name: str, rate: str) -> np.ndarray |
 def _excesses(loaded: Loaded, at: dict[str, int], low: np.ndarray, high: np.ndarray) -> list[tuple[float, str]]:
     """Of each joint that moves, or follows one that does, how far it is beyond its limits.
 
-    That of a follower is told of the joint that it follows. Where the limits of two followers contradict each other,
+    That of a mimic joint is attributed to its source joint. If the limits of two mimic joints contradict each other,
     those of one are not kept, and the robot says so.
     """
     found = []
-    for name, (lower, upper, scale, offset, driver) in ranges(loaded.text).items():
+    for name, (lower, upper, scale, offset, source) in ranges(loaded.text).items():
         known = loaded.model.joint(name)
-        if driver in at and known is not None and np.isfinite([known.lower[0], known.upper[0]]).any():
-            ends = scale * low[at[driver]] + offset, scale * high[at[driver]] + offset
+        if source in at and known is not None and np.isfinite([known.lower[0], known.upper[0]]).any():
+            ends = scale * low[at[source]] + offset, scale * high[at[source]] + offset
             beyond = float(max(lower - min(ends), max(ends) - upper))
             found.append((beyond / max(1.0, abs(scale)), name))
     return found

@@ -113,7 +113,7 @@ def _renamed(text: str, rng: np.random.Generator, root: RootJoint) -> str:
 
 
 def change_gear(rng: np.random.Generator, robot: Robot) -> Robot | None:
-    """The same robot, the multiplier of one of its followers changed a little; None without one."""
+    """The same robot, the multiplier of one of its mimic joints changed a little; None without one."""
     found = list(re.finditer(r'multiplier="([^"]+)"', robot.text))
     if not found:
         return None

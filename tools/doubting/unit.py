@@ -152,7 +152,7 @@ class Work:
             self._count_near(came.sampled, request.min_clearance)
 
     def _geared(self, rng: np.random.Generator, loaded: Loaded, request: CertifyRequest, origin: str) -> None:
-        """The motion by a robot one of whose followers has another multiplier; once for a robot."""
+        """The motion by a robot one of whose mimic joints has another multiplier; once for a robot."""
         other = robots.change_gear(rng, loaded.robot)
         if other is None or "mutant:geared" in self.counts:
             return

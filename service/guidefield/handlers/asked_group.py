@@ -74,9 +74,9 @@ def limit_group(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Pl
 
     Raises InvalidConfiguration if a joint is named that neither is planned for nor follows one that is.
     """
-    names, followers = [joint.name for joint in group.joints], mimic_laws(group)
+    names, mimics = [joint.name for joint in group.joints], mimic_laws(group)
     for name in request.limits:
-        if name not in names and name not in followers:
+        if name not in names and name not in mimics:
             raise InvalidConfiguration(
                 f"`limits` names joint {name!r}, which is not planned for; planned are {', '.join(names)}",
                 joint=name,
@@ -95,7 +95,7 @@ def mimic_laws(group: PlanningGroup) -> dict[str, Mimic]:
     """The law of each mimic joint whose source joint is planned for."""
     planned = {joint.name for joint in group.joints}
     laws = {joint.name: joint.mimic for joint in group.robot.joints if joint.mimic is not None}
-    return {name: law for name, law in laws.items() if law.driver in planned}
+    return {name: law for name, law in laws.items() if law.source in planned}
 
 
 def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> LocalRate | None:
@@ -128,7 +128,7 @@ def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Lo
         return None
     for name, law in mimic_laws(group).items():
         if name in asked and law.multiplier != 0.0:
-            asked[law.driver] = min(asked.get(law.driver, np.inf), asked[name] / abs(law.multiplier))
+            asked[law.source] = min(asked.get(law.source, np.inf), asked[name] / abs(law.multiplier))
     return np.concatenate([np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints])
 
 
@@ -218,7 +218,7 @@ def effort_limit_of(request: MotionRequest, group: PlanningGroup) -> EffortLimit
     for name in asked:
         if name in laws:
             raise MalformedRequest(
-                f"`limits.{name}.effort` can't be kept: {name!r} follows {laws[name].driver!r}, which is driven",
+                f"`limits.{name}.effort` can't be kept: {name!r} follows {laws[name].source!r}, which is driven",
                 joint=name,
                 path=f"$.limits.{name}.effort",
             )

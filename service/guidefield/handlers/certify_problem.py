@@ -177,8 +177,8 @@ def _group(request: CertifyRequest, columns: Columns, robot: RobotModel) -> str 
 def _require_in_group(columns: Columns, group: PlanningGroup) -> None:
     moving = {joint.name for joint in group.joints}
     for joint in group.robot.joints:
-        driver = joint.name if joint.mimic is None else joint.mimic.driver
-        if joint.name in columns.of and joint.mimic is None and driver not in moving:
+        source = joint.name if joint.mimic is None else joint.mimic.source
+        if joint.name in columns.of and joint.mimic is None and source not in moving:
             raise InvalidConfiguration(
                 f"`position_names` has joint {joint.name!r}, which the group doesn't move; it moves"
                 f" {', '.join(sorted(moving))}",

@@ -206,7 +206,7 @@ def _mimic_columns(columns: Columns, group: PlanningGroup) -> list[tuple[Joint, 
     """Mimic joints that have a column: the joint, its column, and its source joint, None where that stands still."""
     planned = {joint.name: joint for joint in group.joints}
     return [
-        (joint, columns.of[joint.name][0], planned.get(joint.mimic.driver))
+        (joint, columns.of[joint.name][0], planned.get(joint.mimic.source))
         for joint in group.robot.joints
         if joint.mimic is not None and joint.name in columns.of
     ]
@@ -216,10 +216,10 @@ def _require_mimic_columns(
     columns: Columns, rows: np.ndarray, group: PlanningGroup, moves: np.ndarray, field: str, *, rates: bool = False
 ) -> None:
     """Refuse columns of mimic joints that don't keep their laws at local coordinates (n, nv), or at their `rates`."""
-    for joint, column, driver in _mimic_columns(columns, group):
+    for joint, column, source in _mimic_columns(columns, group):
         assert joint.mimic is not None, "it follows another"
-        if driver is not None:
-            asked = joint.mimic.multiplier * moves[:, driver.idx_v] + (0.0 if rates else joint.mimic.offset)
+        if source is not None:
+            asked = joint.mimic.multiplier * moves[:, source.idx_v] + (0.0 if rates else joint.mimic.offset)
         else:
             stands = group.q_reference[joint.idx_q : joint.idx_q + joint.nq]
             asked = np.full(len(rows), 0.0 if rates else to_local(joint, stands, stands)[0])
@@ -229,7 +229,7 @@ def _require_mimic_columns(
         if len(off := np.flatnonzero(np.abs(apart) > MIMIC_TOLERANCE)):
             row = int(off[0])
             raise InvalidConfiguration(
-                f"`{field}[{row}]`: joint {joint.name!r} follows {joint.mimic.driver!r}, by whose value it is"
+                f"`{field}[{row}]`: joint {joint.name!r} follows {joint.mimic.source!r}, by whose value it is"
                 f" {asked[row]:.6g}; the row has it {abs(apart[row]):.3g} off: leave its column out",
                 joint=joint.name,
                 row=row,
@@ -394,7 +394,7 @@ def _of_rows(
             continue
         if joint.mimic is not None:
             raise InvalidConfiguration(
-                f"joint {joint.name!r} follows {joint.mimic.driver!r} and can't be given: give {joint.mimic.driver!r}",
+                f"joint {joint.name!r} follows {joint.mimic.source!r} and can't be given: give {joint.mimic.source!r}",
                 joint=joint.name,
             )
         found[:, joint.idx_q : joint.idx_q + joint.nq] = _values(joint, rows[:, list(at)], field)
@@ -419,7 +419,7 @@ def _move_mimic_joints(joints: Sequence[Joint], configurations: np.ndarray) -> N
     for joint in joints:
         if joint.mimic is None:
             continue
-        source = by_name[joint.mimic.driver]
+        source = by_name[joint.mimic.source]
         values = configurations[:, source.idx_q]
         if source.kind is JointKind.CONTINUOUS:
             values = np.arctan2(configurations[:, source.idx_q + 1], values)

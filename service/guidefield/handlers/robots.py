@@ -126,7 +126,7 @@ def _joint(joint: Joint) -> JointInfo:
         acceleration=[float(limit) for limit in joint.acceleration],
         velocity_source=joint.velocity_source.value,
         acceleration_source=joint.acceleration_source.value,
-        mimics=None if mimic is None else mimic.driver,
+        mimics=None if mimic is None else mimic.source,
         multiplier=1.0 if mimic is None else mimic.multiplier,
         offset=0.0 if mimic is None else mimic.offset,
     )

@@ -39,8 +39,8 @@ class GivenProblem(Conditions):
     def still_fault(self) -> LimitFault | None:
         """The joint that stands still farthest beyond a limit; None if none does."""
         joints, moving = self.group.robot.joints, {joint.name for joint in self.group.joints}
-        still = [j for j in joints if (j.name if j.mimic is None else j.mimic.driver) not in moving]
-        # what a follower's law gives is rounded
+        still = [j for j in joints if (j.name if j.mimic is None else j.mimic.source) not in moving]
+        # what a mimic joint's law gives is rounded
         faults = [fault for fault in limit_faults(still, self.group.q_reference) if fault.excess > LIMIT_TOLERANCE]
         return max(faults, key=lambda fault: fault.excess, default=None)
 

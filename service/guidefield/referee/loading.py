@@ -292,18 +292,18 @@ def _local(model: Any, told: Fields, laws: Mapping[str, tuple[str, float, float]
         spread[rows, column : column + len(rows)], offset[rows] = np.eye(len(rows)), 0.0
         column += len(rows)
     for name in laws:
-        driver, multiplier, shift = laws[name]
+        source, multiplier, shift = laws[name]
         followed = {name}
-        while driver in laws:
-            if driver in followed:
-                raise UnusableFile(f"joint {name!r} follows {driver!r}, which follows itself")
-            followed.add(driver)
-            driver, other, more = laws[driver]
+        while source in laws:
+            if source in followed:
+                raise UnusableFile(f"joint {name!r} follows {source!r}, which follows itself")
+            followed.add(source)
+            source, other, more = laws[source]
             multiplier, shift = multiplier * other, multiplier * more + shift
-        if joints[name].nv != 1 or joints[driver].nv != 1:
+        if joints[name].nv != 1 or joints[source].nv != 1:
             raise UnusableFile(f"joint {name!r} follows, or is followed, and has several freedoms")
-        row, source = joints[name].idx_v, joints[driver].idx_v
-        spread[row], offset[row] = multiplier * spread[source], multiplier * offset[source] + shift
+        row, other_row = joints[name].idx_v, joints[source].idx_v
+        spread[row], offset[row] = multiplier * spread[other_row], multiplier * offset[other_row] + shift
     return spread, offset, turning, turned, columns
 
 

@@ -227,20 +227,20 @@ def joint_laws(model: Any, warnings: list[str]) -> JointLaws:
         if kind != "joint":
             warnings.append(f"{what} isn't kept: what it closes or couples moves by itself")
             continue
-        follower, source = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+        mimic, source = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
         offset, slope, *curve = (float(number) for number in model.eq_data[index, :5])
-        told = f"{what} of joint {joints[follower]!r}"
-        if follower in laws.mimics or follower in laws.constants:
+        told = f"{what} of joint {joints[mimic]!r}"
+        if mimic in laws.mimics or mimic in laws.constants:
             warnings.append(f"{told} isn't kept: the joint has another one")
         elif source < 0 or (slope == 0.0 and not any(curve)):
-            laws.constants[follower] = reference[follower] + offset
+            laws.constants[mimic] = reference[mimic] + offset
         elif any(curve):
             warnings.append(f"{told} isn't kept: it follows {joints[source]!r} by a curve, and moves by itself here")
-        elif _follows(laws, source, follower):
+        elif _follows(laws, source, mimic):
             warnings.append(f"{told} isn't kept: {joints[source]!r} follows it already")
         else:
-            shift = reference[follower] + offset - slope * reference[source]
-            laws.mimics[follower] = (source, slope, shift)
+            shift = reference[mimic] + offset - slope * reference[source]
+            laws.mimics[mimic] = (source, slope, shift)
     return laws
 
 

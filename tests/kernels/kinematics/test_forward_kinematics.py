@@ -104,7 +104,7 @@ def test_a_step_is_pinocchios(index: int) -> None:
         np.testing.assert_allclose(planned.difference(expected, reached[find_planned_values(planned)]), 0.0, atol=1e-9)
 
 
-def test_limits_stop_a_value_and_its_followers() -> None:
+def test_limits_stop_a_value_and_its_mimic_joints() -> None:
     planned = grouped(box_arm("x mimic slide y", 0))
     z = planned.upper + 0.2
     q = planned.expand_from_local(z)

@@ -49,7 +49,7 @@ FOLLOWED = """<robot name="followed"><link name="base"/>
 
 
 @pytest.mark.parametrize("holder", ["l1", "l2", "l3"])
-def test_it_has_a_frame_after_joints_were_locked_and_followers_left_out(holder: str) -> None:
+def test_it_has_a_frame_after_joints_were_locked_and_mimic_joints_left_out(holder: str) -> None:
     """Where a body's frame was none, reducing the model a second time read beyond the frames: a crash at times."""
     held = add_held_links(load(UrdfText(text=FOLLOWED)), [rod(link=holder)])
     arm = select(held, ["a"], holder, held.rest, pin.SE3.Identity())

@@ -45,14 +45,14 @@ BESIDE = UrdfText(
 """A slide that follows a joint beside it by nothing, before another joint."""
 
 
-def driver_of(*laws: tuple[str, str, float]) -> JointKind:
+def kind_of_source(*laws: tuple[str, str, float]) -> JointKind:
     """Kind of the continuous joint `j` that joints of some kinds follow by some multiple of others."""
     text = '<link name="base"/><link name="l"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
     text += '<joint name="j" type="continuous"><parent link="base"/><child link="l"/></joint>'
-    for i, (kind, driver, multiplier) in enumerate(laws):
+    for i, (kind, source, multiplier) in enumerate(laws):
         text += (
             f'<link name="l{i}"/><joint name="f{i}" type="{kind}"><parent link="l"/><child link="l{i}"/>'
-            f'<limit lower="-3" upper="3" effort="1" velocity="1"/><mimic joint="{driver}" multiplier="{multiplier}"/>'
+            f'<limit lower="-3" upper="3" effort="1" velocity="1"/><mimic joint="{source}" multiplier="{multiplier}"/>'
             "</joint>"
         )
     joint = load(UrdfText(text=f'<robot name="r">{text}</robot>')).joint("j")
@@ -70,7 +70,7 @@ def driver_of(*laws: tuple[str, str, float]) -> JointKind:
     ],
 )
 def test_an_angle_stays_periodic_where_a_turn_brings_all_back(laws: list) -> None:
-    assert driver_of(*laws) is JointKind.CONTINUOUS
+    assert kind_of_source(*laws) is JointKind.CONTINUOUS
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_an_angle_stays_periodic_where_a_turn_brings_all_back(laws: list) -> Non
     ],
 )
 def test_elsewhere_its_turns_count(laws: list) -> None:
-    assert driver_of(*laws) is JointKind.REVOLUTE
+    assert kind_of_source(*laws) is JointKind.REVOLUTE
 
 
 def at_any(planned: PlanningGroup, rng: np.random.Generator) -> np.ndarray:
@@ -100,7 +100,7 @@ def at_any(planned: PlanningGroup, rng: np.random.Generator) -> np.ndarray:
 
 @settings(max_examples=18)
 @given(chains(most=8, kinds=WOUND), st.integers(0, 2**16))
-def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: UrdfText, seed: int) -> None:
+def test_models_and_kernels_have_mimic_joints_where_the_formula_has_them(urdf: UrdfText, seed: int) -> None:
     robot = load(urdf)
     names = [joint.name for joint in robot.joints if joint.mimic is None]
     planned = select(robot, names, None, robot.rest, pin.SE3.Identity())
@@ -156,7 +156,7 @@ def test_requests_are_answered_where_the_formula_has_the_tool(turn: float) -> No
 
 
 @pytest.mark.parametrize("turn", BEYOND)
-def test_a_driver_that_stands_still_keeps_its_turns(turn: float) -> None:
+def test_a_source_joint_that_stands_still_keeps_its_turns(turn: float) -> None:
     robot = load(winding())
     q = configuration_from_wire(robot, {"turn": turn})
     planned = select(robot, ["lift"], "tool", q, pin.SE3.Identity())
@@ -271,18 +271,18 @@ def arm(*joints: tuple[str, float, float, str]) -> UrdfText:
     return UrdfText(text=f'<robot name="arm">{"".join(parts)}</robot>')
 
 
-def mimic(driver: int, multiplier: float, offset: float) -> str:
-    return f'<mimic joint="j{driver}" multiplier="{multiplier}" offset="{offset}"/>'
+def mimic(source: int, multiplier: float, offset: float) -> str:
+    return f'<mimic joint="j{source}" multiplier="{multiplier}" offset="{offset}"/>'
 
 
-def test_a_driver_goes_only_where_its_follower_keeps_its_limits():
+def test_a_source_joint_goes_only_where_its_mimic_joint_keeps_its_limits():
     robot = load(arm(("revolute", -2, 2, ""), ("revolute", -0.5, 1, mimic(1, -2.0, 0.5))))
     assert robot.joints[0].lower == pytest.approx([-0.25])  # -2 x + 0.5 <= 1
     assert robot.joints[0].upper == pytest.approx([0.5])  # -2 x + 0.5 >= -0.5
     assert any("'j1', which 'j2' follows, only goes from -0.25 to 0.5" in warning for warning in robot.warnings)
 
 
-def test_a_driver_that_turns_on_and_on_goes_where_its_followers_keep_their_limits():
+def test_an_unlimited_source_joint_goes_where_its_mimic_joints_keep_their_limits():
     robot = load(
         arm(("continuous", 0, 0, ""), ("revolute", -1, 4, mimic(1, 0.5, 1.0)), ("prismatic", 0, 1, mimic(1, 0.1, 0)))
     )
@@ -291,7 +291,7 @@ def test_a_driver_that_turns_on_and_on_goes_where_its_followers_keep_their_limit
     assert sum("only goes from" in warning for warning in robot.warnings) == 2
 
 
-def test_a_driver_goes_no_further_than_can_be_asked_for():
+def test_a_source_joint_goes_no_further_than_can_be_asked_for():
     robot = load(arm(("continuous", 0, 0, ""), ("prismatic", -1, 1, mimic(1, 1e-6, 0.0))))
     assert (robot.joints[0].lower[0], robot.joints[0].upper[0]) == (-LARGEST_VALUE, LARGEST_VALUE)
 
@@ -312,7 +312,7 @@ def test_what_cannot_be_kept_is_told():
     assert not limit_faults(robot.joints, robot.rest)
 
 
-def test_a_follower_of_a_fixed_joint_is_refused():
+def test_a_mimic_joint_of_a_fixed_joint_is_refused():
     fixed = arm(("fixed", 0, 0, ""), ("revolute", -1, 1, mimic(1, 1.0, 0.0)))
     with pytest.raises(RobotInvalid):
         load(fixed)
@@ -323,7 +323,7 @@ RANGE = st.tuples(st.floats(-3, 0), st.floats(0, 3))
 
 @settings(max_examples=15)
 @given(RANGE, RANGE, st.floats(-2, 2).filter(lambda m: m == 0.0 or abs(m) > 1e-3), st.floats(-1, 1), st.integers(0, 99))
-def test_no_random_configuration_puts_a_follower_beyond_its_limits(first, second, multiplier, offset, seed):
+def test_no_random_configuration_puts_a_mimic_joint_beyond_its_limits(first, second, multiplier, offset, seed):
     robot = load(arm(("revolute", *first, ""), ("revolute", *second, mimic(1, multiplier, offset))))
     if any("not kept" in warning for warning in robot.warnings) or multiplier == 0.0:
         return
@@ -365,7 +365,7 @@ def fastest(**request: object) -> tuple[float, float]:
     return float(np.abs(velocities).max()), float(np.abs(np.diff(velocities) / np.diff(reply.trajectory.times)).max())
 
 
-def test_velocity_limits_of_followers_bind_the_joint_that_is_planned():
+def test_velocity_limits_of_mimic_joints_bind_the_joint_that_is_planned():
     robot = load(UrdfText(text=geared()["text"]))
     group = select(robot, ["a"], None, robot.rest, pin.SE3.Identity())
     assert group.velocity_limits == pytest.approx([1 / 2.4])
@@ -376,19 +376,19 @@ def test_velocity_limits_of_followers_bind_the_joint_that_is_planned():
     assert 0.9 / 2.4 < velocity <= 1 / 2.4 + 1e-9
 
 
-def test_a_request_may_limit_a_follower():
+def test_a_request_may_limit_a_mimic_joint():
     velocity, acceleration = fastest(limits={"b": {"velocity": 0.5, "acceleration": 0.3}})
     assert 0.9 * 0.5 / 2.4 < velocity <= 0.5 / 2.4 + 1e-9
     assert acceleration <= 0.3 / 2.4 + 1e-6
     assert fastest(limits={"b": {"velocity": 9.0}})[0] == pytest.approx(0.5, rel=1e-2)
     assert fastest(limits={"a": {"velocity": 9.0}})[0] <= 1 / 2.4 + 1e-9, "b keeps its own"
-    assert fastest(limits={"c": {"velocity": 0.12}})[0] <= 0.1 + 1e-9, "followers of followers, too"
+    assert fastest(limits={"c": {"velocity": 0.12}})[0] <= 0.1 + 1e-9, "mimic joints of mimic joints, too"
     steps = [{"goal": {"type": "joints", "positions": {"a": value}}} for value in (0.9, -0.5)]
     reply = answer({"robot": geared(), "scene": EMPTY, "steps": steps, "limits": {"b": {"velocity": 0.5}}})
     assert np.abs(reply.trajectory.velocities).max() <= 0.5 / 2.4 + 1e-9
 
 
-def test_certify_judges_the_follower_and_names_it():
+def test_certify_judges_the_mimic_joint_and_names_it():
     ask = {"type": "certify", "robot": geared(), "scene": EMPTY, "position_names": ["a"], "velocity_names": ["a"]}
     for speed, status in ((0.41, "SUCCESS"), (0.43, "INVALID_MOTION_PLAN")):
         motion = {"times": [0, 1], "positions": [[0.0], [speed]], "velocities": [[speed], [speed]]}
@@ -400,14 +400,14 @@ def test_certify_judges_the_follower_and_names_it():
     assert reply.status.name == "SUCCESS"
 
 
-def test_a_stream_keeps_the_limits_of_followers():
+def test_a_stream_keeps_the_limits_of_mimic_joints():
     robot, scene = load(UrdfText(text=geared()["text"])), build(Scene("empty", obstacles=[]))
     for limits, velocity in (({}, 1 / 2.4), ({"b": JointLimits(velocity=0.5)}, 0.5 / 2.4)):
         request = StreamOpen(robot=UrdfText(text=geared()["text"]), scene="empty", start={"a": 0.0}, limits=limits)
         assert read_opening(request, robot, scene).group.velocity_limits == pytest.approx([velocity])
 
 
-def test_a_follower_that_would_let_nothing_move_has_no_limits():
+def test_a_mimic_joint_that_would_let_nothing_move_has_no_limits():
     """The sign of the multiplier is wrong in many a gripper's file."""
     robot = load(arm(("revolute", 0, 2, ""), ("revolute", 0, 1, mimic(1, -1.0, 0.0))))
     assert any(

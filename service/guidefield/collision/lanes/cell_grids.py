@@ -57,7 +57,7 @@ class Grids(NamedTuple):
 class _Side(NamedTuple):
     """One coordinate: which, its range, whether it wraps, and how far one unit of it moves the bodies at most [m]."""
 
-    driver: int
+    source: int
     lower: float
     width: float
     wraps: bool
@@ -99,7 +99,7 @@ def lane_grids(
         levels = min(max(levels, 0), MOST_LEVELS)
         for index, (side, count) in enumerate(zip(sides, counts, strict=True)):
             smallest = count << divided * levels
-            place += [side.driver, smallest, 1 << divided * index]
+            place += [side.source, smallest, 1 << divided * index]
             row += [side.lower, smallest / side.width, 0.5 / np.pi if side.wraps else 0.0]
         unused = GRID_SIDES - len(sides)
         together = cells + math.prod(counts)
@@ -134,13 +134,13 @@ def _way(joints: LaneJoints, numbers: np.ndarray, a: int, b: int) -> tuple[list[
     None if they depend on more than `GRID_SIDES` coordinates, or on one of a joint that neither turns nor slides.
     """
     above: tuple[list[int], list[int]] = ([], [])
-    drivers = set()
+    sources = set()
     while a != b:  # parents come before children
         joint = max(a, b)
         above[0 if a > b else 1].append(joint)
         if numbers[joint, MULTIPLIER] != 0.0:
-            drivers.add(int(joints.drivers[joint]))
-        if joints.kinds[joint] > SLIDING or len(drivers) > GRID_SIDES:
+            sources.add(int(joints.sources[joint]))
+        if joints.kinds[joint] > SLIDING or len(sources) > GRID_SIDES:
             return None
         a, b = (int(joints.parents[a]), b) if a > b else (a, int(joints.parents[b]))
     return above
@@ -163,19 +163,19 @@ def _sides(
         )  # from the axis of the carrier, which is z
         beyond = float((np.linalg.norm(centres, axis=1) + radii).max())
         for joint in way:
-            driver, factor = int(joints.drivers[joint]), abs(float(numbers[joint, MULTIPLIER]))
+            source, factor = int(joints.sources[joint]), abs(float(numbers[joint, MULTIPLIER]))
             turning = joints.kinds[joint] == TURNING
-            levers[driver] = levers.get(driver, 0.0) + factor * (reach if turning else 1.0)
-            wraps[driver] = wraps.get(driver, True) and bool(turning) and factor == 1.0
+            levers[source] = levers.get(source, 0.0) + factor * (reach if turning else 1.0)
+            wraps[source] = wraps.get(source, True) and bool(turning) and factor == 1.0
             # what the joint above turns is as far from it at most
             beyond += float(np.linalg.norm(numbers[joint, [3, 7, 11]]))
             if not turning:
-                ends = ranges[driver] * numbers[joint, MULTIPLIER] if factor > 0.0 else np.zeros(2)
+                ends = ranges[source] * numbers[joint, MULTIPLIER] if factor > 0.0 else np.zeros(2)
                 beyond += float(np.abs(ends + numbers[joint, OFFSET]).max())
             reach = beyond
     sides = []
-    for driver in sorted(driver for driver in levers if levers[driver] > 0.0):
-        low, high = (-np.pi, np.pi) if wraps[driver] else ranges[driver]
-        sides.append(_Side(driver, float(low), float(high - low), wraps[driver], levers[driver]))
+    for source in sorted(source for source in levers if levers[source] > 0.0):
+        low, high = (-np.pi, np.pi) if wraps[source] else ranges[source]
+        sides.append(_Side(source, float(low), float(high - low), wraps[source], levers[source]))
     bounded = all(np.isfinite([side.lower, side.width, side.lever]).all() and side.width > 0.0 for side in sides)
     return sides if bounded else None

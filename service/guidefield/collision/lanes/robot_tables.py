@@ -287,7 +287,7 @@ def _turns(model: Any) -> list[np.ndarray]:
         followed.add(parent)
         x, y, _ = turns[parent].T @ table.placements[i][:, :3] @ turns[i][:, 2]
         if np.hypot(x, y) > _SAME_DIRECTION:
-            angle = np.arctan2(x, -y)  # the follower's axis is at (0, -sin, cos) then
+            angle = np.arctan2(x, -y)  # the joint's own axis is at (0, -sin, cos) then
             turns[parent] = turns[parent] @ pin.AngleAxis(angle, z).matrix()
     return turns
 
@@ -296,12 +296,12 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
     table = joints_of(group)
     n = len(table.parents)
     numbers = np.zeros((n, JOINT))
-    drivers, forms = np.zeros(n, np.int64), np.full(n, PLAIN)
+    sources, forms = np.zeros(n, np.int64), np.full(n, PLAIN)
     kinds = KINDS[table.kinds]
     for i in range(1, n):
         turn = turns[table.parents[i]].T @ table.placements[i][:, :3] @ turns[i]
         row = group.expand_velocity[table.idx_v[i]]
-        drivers[i] = int(np.argmax(np.abs(row)))
+        sources[i] = int(np.argmax(np.abs(row)))
         assert np.count_nonzero(row) <= 1, "a joint follows at most one coordinate"
         offset = group.expand_offset[table.idx_v[i]]
         if kinds[i] == TURNING:
@@ -310,9 +310,9 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
         elif kinds[i] == SLIDING and table.parents[i] == 0:
             forms[i] = GROUNDED
         placement = np.c_[turn, turns[table.parents[i]].T @ table.placements[i][:, 3]]
-        rest = (row[drivers[i]], offset, 0.0, 0.0) if kinds[i] in (TURNING, SLIDING) else (0.0, 0.0, 0.0, 1.0)
+        rest = (row[sources[i]], offset, 0.0, 0.0) if kinds[i] in (TURNING, SLIDING) else (0.0, 0.0, 0.0, 1.0)
         numbers[i] = *placement.ravel(), *rest
-    joints = LaneJoints(n, np.array(table.parents), kinds, forms, drivers, numbers.ravel().astype(np.float32))
+    joints = LaneJoints(n, np.array(table.parents), kinds, forms, sources, numbers.ravel().astype(np.float32))
     for array in joints[1:]:
         array.setflags(write=False)
     return joints

@@ -41,9 +41,9 @@ def error_code(code: int, message: str) -> dict[str, Any]:
 def robot_state(snapshot: Snapshot, changed: Mapping[str, float] | None = None, *, held: bool = True) -> dict[str, Any]:
     """Return the state with every joint's value, mimic joints' too, and the held objects; some joints changed."""
     values = {**snapshot.whole, **(changed or {})}
-    for name, one in snapshot.robot.followers.items():
+    for name, one in snapshot.robot.mimics.items():
         assert one.mimic is not None, "it follows another joint"
-        values[name] = one.mimic.multiplier * values[one.mimic.driver] + one.mimic.offset
+        values[name] = one.mimic.multiplier * values[one.mimic.source] + one.mimic.offset
     joints = {"header": header(snapshot.robot.root), "name": list(values), "position": list(values.values())}
     attached = [
         {"link_name": one.link, "object": message_of(name, one.thing, one.link), "touch_links": list(one.touch_links)}

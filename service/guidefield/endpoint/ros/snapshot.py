@@ -54,7 +54,7 @@ class KnownRobot:
         self.name = name
         self.model = model
         self.joints: dict[str, Joint] = {joint.name: joint for joint in model.joints if joint.mimic is None}
-        self.followers = {joint.name: joint for joint in model.joints if joint.mimic is not None}
+        self.mimics = {joint.name: joint for joint in model.joints if joint.mimic is not None}
         self.links = tuple(model.links)
         self.root = self.links[0]
         rest = configuration_to_wire(model.joints, model.rest)
@@ -80,7 +80,7 @@ class KnownRobot:
     def moves(self, link: str, joints: Iterable[str]) -> bool:
         """Return whether a link moves when some joints do, with their mimic joints."""
         driven = set(joints)
-        driven |= {name for name, one in self.followers.items() if one.mimic is not None and one.mimic.driver in driven}
+        driven |= {name for name, one in self.mimics.items() if one.mimic is not None and one.mimic.source in driven}
         model = self.model.model
         above = list(model.supports[model.frames[self.model.frame_id(link)].parentJoint])
         return any(model.names[joint] in driven for joint in above if joint)
@@ -353,8 +353,8 @@ def _positions(before: Snapshot, state: Any, where: str) -> dict[str, float]:
         field = f"{where}.joint_state.position of {name[:64]}"
         if name in robot.joints:
             found[name] = number(value, field, StateRefused)
-        elif name not in robot.followers:
-            joints = ", ".join([*robot.joints, *robot.followers])
+        elif name not in robot.mimics:
+            joints = ", ".join([*robot.joints, *robot.mimics])
             raise StateRefused(f"`{where}.joint_state.name` {name[:64]!r} is no joint of {robot.name}: {joints}")
     return found
 

@@ -53,7 +53,7 @@ BODY_A, BODY_B, PAIR_AXES, PAIR = range(4)
 
 GRID_SIDES = 3  # coordinates that a grid of cells has at most: `self_narrowphase` names each, as a, b and c
 
-DRIVER, COUNT, STEP, SIDE = range(4)
+SOURCE, COUNT, STEP, SIDE = range(4)
 """Whole numbers of each of a grid's sides: the coordinate, how many of the smallest cells are along it, the distance in
 `cells` between a cell's children that are neighbours along it; then how many numbers there are."""
 

@@ -24,7 +24,6 @@ from guidefield.kernels.collide.layout import (
     COUNT,
     DECISION_BAND,
     DIVIDED,
-    DRIVER,
     GRID_NUMBERS,
     GRID_PLACES,
     GRID_SIDES,
@@ -36,6 +35,7 @@ from guidefield.kernels.collide.layout import (
     PER_LENGTH,
     REACH,
     SIDE,
+    SOURCE,
     START,
     STEP,
     TOGETHER,
@@ -185,7 +185,7 @@ def judge_cell(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: in
         n, index = at + SIDE * side, a if side == 0 else b if side == 1 else c
         if numbers[n + PER_LENGTH] > 0.0:
             middle = numbers[n + LEAST] + ((index >> shift) + 0.5) * (1 << shift) / numbers[n + PER_LENGTH]
-            store(scratch.middle, grids[place + SIDE * side + DRIVER] * LANES, splat(middle))
+            store(scratch.middle, grids[place + SIDE * side + SOURCE] * LANES, splat(middle))
     lane_placements(joints, scratch.middle, scratch.middle_poses)
     first_carrier, second_carrier = carriers_of(bodies, meeting)
     one_pose(scratch.middle_poses, bodies.carrying[first_carrier], 0, scratch.pose_a)
@@ -299,7 +299,7 @@ def left_of_cells(robot: LaneAlone, meeting: int, mask: int, coordinates: Floats
     share, down = 1.0 / divisions, 0.5 / divisions - 0.5
     for side in range(GRID_SIDES):
         count, n = float(grids[place + SIDE * side + COUNT]), at + SIDE * side
-        value = load(coordinates, grids[place + SIDE * side + DRIVER] * LANES)
+        value = load(coordinates, grids[place + SIDE * side + SOURCE] * LANES)
         along = (value - rint(value * numbers[n + WRAPS]) * _TURN - numbers[n + LEAST]) * numbers[n + PER_LENGTH]
         inside &= below(along, splat(count)) & ~below(along, splat(0.0))
         index = smallest_of(largest_of(rint(along - 0.5), splat(0.0)), splat(count - 1.0))

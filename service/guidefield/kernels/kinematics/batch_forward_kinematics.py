@@ -37,7 +37,7 @@ class LaneJoints(NamedTuple):
     parents: Indices  # (n,) index of each joint's parent
     kinds: Indices  # (n,) one of the kinds above
     forms: Indices  # (n,) one of the forms above; `PLAIN` is always right
-    drivers: Indices  # (n,) which coordinate moves it, or the first of several; joints that mimic others share one
+    sources: Indices  # (n,) the coordinate that moves it, or the first of several; that of a mimic joint's source
     # (n * JOINT,) placements and what follows them: the value of a joint with one degree of freedom is multiplier *
     # coordinate + offset
     numbers: Singles
@@ -185,7 +185,7 @@ def _turn(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple
 @lane_step(void(JOINTS, int64, FLOAT_POINTER, FLOAT_POINTER))
 def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Floats32) -> None:
     """Write the placement of a joint with several degrees of freedom, whose parent's is there."""
-    numbers, base, at = joints.numbers, i * JOINT, joints.drivers[i] * LANES
+    numbers, base, at = joints.numbers, i * JOINT, joints.sources[i] * LANES
     here, there, kind = i * POSE, joints.parents[i] * POSE, joints.kinds[i]
     x, y, z = splat(0.0), splat(0.0), splat(0.0)
     if kind != BALL:
@@ -211,12 +211,12 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
 
     Rotation vectors are shorter than a full turn; `poses_out` is all 0 or of an earlier call, as the world stays.
     """
-    size, parents, kinds, forms, drivers, numbers = joints
+    size, parents, kinds, forms, sources, numbers = joints
     if poses_out[0] != 1.0:
         _place_world(poses_out)
     for i in range(1, size):
         base, here, there, form = i * JOINT, i * POSE, parents[i] * POSE, forms[i]
-        value = load(coordinates, drivers[i] * LANES) * numbers[base + MULTIPLIER] + numbers[base + OFFSET]
+        value = load(coordinates, sources[i] * LANES) * numbers[base + MULTIPLIER] + numbers[base + OFFSET]
         turning = kinds[i] == TURNING
         c, s = splat(1.0), splat(0.0)
         if turning:

@@ -197,7 +197,7 @@ _OWN = 0.05  # added to the lever of a turn, so that one about the tip itself is
 def _weights(mover: Any, world: Floats, weights_out: Floats) -> None:
     """Inverse square of what a unit of each of the group's tangents moves, (nv,): distance of the tip, 1 for slides."""
     joints, tip = mover.joints, tip_position(mover, world)
-    for i in range(joints.parents.shape[0] - 1, 0, -1):  # a leader stands before its followers and has the last word
+    for i in range(joints.parents.shape[0] - 1, 0, -1):  # a source joint precedes its mimic joints: it decides
         T, kind = world[i], joints.kinds[i]
         reach = _OWN * mover.size + math.sqrt(
             (tip[0] - T[0, 3]) ** 2 + (tip[1] - T[1, 3]) ** 2 + (tip[2] - T[2, 3]) ** 2

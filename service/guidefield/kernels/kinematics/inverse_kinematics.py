@@ -128,7 +128,7 @@ def _move(chain: TipChain, step: Floats, going: Floats, zs: Floats) -> None:
         store(step, d * LANES, select(z > chain.upper[d], 0.0 * z + chain.upper[d], z))
     for k in range(chain.kinds.shape[0]):
         if chain.kinds[k] == BALL:
-            at = chain.drivers[k] * LANES
+            at = chain.sources[k] * LANES
             x, y, z = load(zs, at), load(zs, at + LANES), load(zs, at + 2 * LANES)
             dx, dy, dz = load(step, at) - x, load(step, at + LANES) - y, load(step, at + 2 * LANES) - z
             turned = quaternion_product(quaternion_of_vector(x, y, z), quaternion_of_vector(dx, dy, dz))

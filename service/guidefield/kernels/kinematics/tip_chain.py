@@ -31,7 +31,7 @@ class TipChain(NamedTuple):
     """The parts of a chain, from the world to the tip."""
 
     kinds: Indices  # of each part, shape (n,)
-    drivers: Indices  # which local coordinate moves it, of a ball the first of three, shape (n,)
+    sources: Indices  # the local coordinate that moves it, of a ball the first of three, shape (n,)
     scales: Rows  # what the value is by that coordinate: multiplier and offset, shape (n, 2)
     placements: Rows  # what is fixed after each part, as rows of rotation and translation, shape (n, 12) [m]
     first: Row  # what is fixed before the first, shape (12,) [m]
@@ -75,7 +75,7 @@ def tip_pose(chain: TipChain, zs: Floats, columns_out: Floats) -> Any:
     )  # fmt: skip
     at = 0
     for k in range(chain.kinds.shape[0]):
-        here = chain.drivers[k] * LANES
+        here = chain.sources[k] * LANES
         a, b, c, x, d, e, f, y, g, h, i, z = pose
         if chain.kinds[k] == BALL:
             turn = quaternion_of_vector(load(zs, here), load(zs, here + LANES), load(zs, here + 2 * LANES))
@@ -135,7 +135,7 @@ def offset_rates(chain: TipChain, offset: Any, columns: Floats, rates_out: Float
             scale = chain.scales[k, 0]
             ax, ay, az = load(columns, at), load(columns, at + LANES), load(columns, at + 2 * LANES)
             along = rate * (rx * ax + ry * ay + rz * az)
-            to = (chain.drivers[k] + j) * COLUMN
+            to = (chain.sources[k] + j) * COLUMN
             rows = (
                 load(columns, at + 3 * LANES) + ay * z - az * y,
                 load(columns, at + 4 * LANES) + az * x - ax * z,

@@ -69,7 +69,7 @@ def room_to_measure(frames: KeptFrames) -> Measured:
 def _chain_of(frames: KeptFrames, c: int) -> TipChain:
     first, past, chain = frames.begins[c], frames.begins[c + 1], frames.chain
     return TipChain(
-        chain.kinds[first:past], chain.drivers[first:past], chain.scales[first:past], chain.placements[first:past],
+        chain.kinds[first:past], chain.sources[first:past], chain.scales[first:past], chain.placements[first:past],
         frames.firsts[c], chain.lower, chain.upper,
     )  # fmt: skip
 
@@ -207,7 +207,7 @@ def write_row(frames: KeptFrames, c: int, measured: Measured, lane: int, row_out
             columns[at + 4 * LANES] + carried[1],
             columns[at + 5 * LANES] + carried[2],
         )
-        row_out[chain.drivers[k]] += chain.scales[k, 0] * (dot(moves, slide) + dot(turns, turn))
+        row_out[chain.sources[k]] += chain.scales[k, 0] * (dot(moves, slide) + dot(turns, turn))
 
 
 @kernel

@@ -83,8 +83,8 @@ def _moved_mass(group: PlanningGroup, masses: np.ndarray, name: str) -> float:
     """The mass that a joint moves [kg], its mimic joints' included."""
     joint = group.robot.joint(name)
     assert joint is not None, "a group's joints are the robot's"
-    followers = [one.name for one in group.robot.joints if one.mimic is not None and one.mimic.driver == name]
-    indices = [index for index in range(1, group.model.njoints) if group.model.names[index] in (name, *followers)]
+    mimics = [one.name for one in group.robot.joints if one.mimic is not None and one.mimic.source == name]
+    indices = [index for index in range(1, group.model.njoints) if group.model.names[index] in (name, *mimics)]
     return float(sum(masses[list(group.model.subtrees[index])].sum() for index in indices))
 
 

@@ -110,7 +110,7 @@ class PlanningGroup:
     """
 
     robot: RobotModel  # the whole robot
-    model: Any  # pinocchio model of the planned joints and their followers; the placement in the world is folded in
+    model: Any  # pinocchio model of the planned joints and their mimic joints, placed in the world
     geometry: Any  # collision geometry on that model, with the pairs that count
     space: Any  # pinocchio model of the planned joints alone, for integrate and difference
     joints: tuple[Joint, ...]  # planned joints; their indices are those of this group's q and v
@@ -231,7 +231,7 @@ class PlanningGroup:
         return tuple((_at_q(joint), joint.idx_v, planned.get(name)) for joint, name in joints)
 
     def expand_from_local(self, z: LocalPoint) -> ModelConfiguration:
-        """Return the configuration (model.nq,) of local coordinates (nv,), with followers by unwrapped values."""
+        """Return the configuration (model.nq,) of local coordinates (nv,), with mimic joints by unwrapped values."""
         if self.space is self.model:
             return cast(ModelConfiguration, self.from_local(z))
         expanded = self.expand_local(z)
@@ -414,7 +414,7 @@ class PlanningGroup:
         velocity_scaling: float,
         acceleration_scaling: float,
     ) -> PlanningGroup:
-        """Return the same group with other limits by joint name, then scaled; a follower's limit binds its source."""
+        """Return the same group with other limits by joint name, then scaled: a mimic joint's bind its source."""
         if not (velocity or acceleration) and velocity_scaling == acceleration_scaling == 1.0:
             return self
         stated = [_with_rates(joint, velocity, acceleration) for joint in self.robot.joints]
@@ -428,7 +428,7 @@ class PlanningGroup:
 
 
 def with_bound_rates(joints: Sequence[Joint], stated: Sequence[Joint]) -> tuple[Joint, ...]:
-    """Return planned joints with the rates at which their followers keep the limits stated for all joints."""
+    """Return planned joints with the rates at which their mimic joints keep the limits stated for all joints."""
     bound = {joint.name: joint for joint in bind_rates(stated)}
     of_rates = [f"{rate}{what}" for rate in ("velocity", "acceleration") for what in ("", "_source", "_owner")]
     return tuple(

@@ -197,11 +197,11 @@ def _find_chain(group: PlanningGroup) -> ChainToTip:
     for joint in group.joints:
         if joint.kind in (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PLANAR):
             angle = joint.idx_v + joint.nv - 1
-            returns = joint.kind is not JointKind.REVOLUTE or moved_by[angle] == 1  # followers may be elsewhere
+            returns = joint.kind is not JointKind.REVOLUTE or moved_by[angle] == 1  # mimic joints may be elsewhere
             periods[angle] = 2.0 * np.pi if returns else 0.0
     moving = np.zeros(group.nv, bool)
-    for kind, driver, (scale, _) in zip(table.kinds, table.drivers, table.scales, strict=True):
-        moving[driver : driver + (3 if kind == BALL else 1)] |= scale != 0.0
+    for kind, source, (scale, _) in zip(table.kinds, table.sources, table.scales, strict=True):
+        moving[source : source + (3 if kind == BALL else 1)] |= scale != 0.0
     units = DISTINCT * group.units
     rotations = [joint.idx_v + ROTATION[joint.kind].start for joint in group.joints if joint.kind in ROTATION]
     measure = Measure(periods, units, np.array(rotations, np.int64))
@@ -223,9 +223,9 @@ def chain_to(group: PlanningGroup, frame: int) -> TipChain:
         kind, own = joints.kinds[index], next((j for j in group.joints if j.name == model.names[index]), None)
         if joints.nv[index] == 1:
             row = group.expand_velocity[joints.idx_v[index]]
-            driver = int(np.argmax(np.abs(row)))
-            scale = (row[driver], group.expand_offset[joints.idx_v[index]])
-            parts.add(SLIDE if kind == PRISMATIC else TURN, driver, joints.axes[index], scale)
+            source = int(np.argmax(np.abs(row)))
+            scale = (row[source], group.expand_offset[joints.idx_v[index]])
+            parts.add(SLIDE if kind == PRISMATIC else TURN, source, joints.axes[index], scale)
             continue
         assert own is not None, "joints with several degrees of freedom follow none"
         if kind in (PLANAR, FLOATING):
@@ -247,16 +247,16 @@ class _Parts:
     def __init__(self) -> None:
         self.fixed = pin.SE3.Identity()
         self.kinds: list[int] = []
-        self.drivers: list[int] = []
+        self.sources: list[int] = []
         self.scales: list[tuple[float, float]] = []
         self.placements: list[np.ndarray] = []
 
-    def add(self, kind: int, driver: int, axis: np.ndarray, scale: tuple[float, float] = (1.0, 0.0)) -> None:
+    def add(self, kind: int, source: int, axis: np.ndarray, scale: tuple[float, float] = (1.0, 0.0)) -> None:
         """Add a part that slides along or turns about an axis (3,) of the frame so far."""
         turn = pin.SE3(pin.Quaternion.FromTwoVectors(_Z, axis).matrix(), np.zeros(3))
         self.placements.append(_rows(self.fixed * turn))
         self.kinds.append(kind)
-        self.drivers.append(driver)
+        self.sources.append(source)
         self.scales.append(scale)
         self.fixed = turn.inverse()
 
@@ -264,7 +264,7 @@ class _Parts:
         first, *others = [*self.placements, _rows(self.fixed)]
         table = TipChain(
             kinds=np.array(self.kinds, np.int64),
-            drivers=np.array(self.drivers, np.int64),
+            sources=np.array(self.sources, np.int64),
             scales=np.array(self.scales, float).reshape(-1, 2),
             placements=np.array(others, float).reshape(-1, 12),
             first=first,
@@ -278,9 +278,9 @@ class _Parts:
 def _reach(table: TipChain) -> float:
     """Bound the distance of the tip from the first part's place by all lengths between, slides drawn out [m]."""
     reach = float(np.linalg.norm(table.placements[:, 3::4], axis=1).sum())
-    for kind, driver, (scale, offset) in zip(table.kinds, table.drivers, table.scales, strict=True):
+    for kind, source, (scale, offset) in zip(table.kinds, table.sources, table.scales, strict=True):
         if kind == SLIDE:
-            ends = np.array([table.lower[driver], table.upper[driver]] if scale else [0.0, 0.0])  # not 0 * inf
+            ends = np.array([table.lower[source], table.upper[source]] if scale else [0.0, 0.0])  # not 0 * inf
             reach += float(np.abs(scale * ends + offset).max())
     return reach
 

@@ -260,7 +260,7 @@ def keep_frames(frames: ConstrainedFrames) -> KeptFrames:
         sames=np.array([frames.indices.index(frame) for frame in frames.indices], np.int64),
         chain=TipChain(
             kinds=np.concatenate([np.empty(0, np.int64), *(one.kinds for one in chains)]),
-            drivers=np.concatenate([np.empty(0, np.int64), *(one.drivers for one in chains)]),
+            sources=np.concatenate([np.empty(0, np.int64), *(one.sources for one in chains)]),
             scales=np.concatenate([np.empty((0, 2)), *(one.scales for one in chains)]),
             placements=np.concatenate([np.empty((0, 12)), *(one.placements for one in chains)]),
             first=np.zeros(12),

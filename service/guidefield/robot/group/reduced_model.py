@@ -46,7 +46,7 @@ def select(
         robot.frame_id(tip)
     with at_path("$.group"):
         planned = _find_planned_joints(robot, group, tip)
-    followers = {joint.name for joint in robot.joints if joint.mimic and joint.mimic.driver in planned}
+    mimics = {joint.name for joint in robot.joints if joint.mimic and joint.mimic.source in planned}
     free = [joint for joint in robot.joints if joint.name in planned]
     # what moves has no part in how the models look, but for those that follow: `space` keeps them where they are
     standing = np.array(q_reference, float)
@@ -55,7 +55,7 @@ def select(
     key = (planned, tip, standing.tobytes(), placement.homogeneous.tobytes())
     reduced = _REDUCED.of(robot, key)
     if reduced is MISSING:
-        reduced = _REDUCED.keep(robot, key, _reduce(robot, planned, followers, tip, q_reference, placement))
+        reduced = _REDUCED.keep(robot, key, _reduce(robot, planned, mimics, tip, q_reference, placement))
     q_reference = np.array(q_reference, float)
     q_origin = q_reference[reduced["places"]]
     read_only(q_reference, q_origin)
@@ -69,18 +69,18 @@ _REDUCED = Answers[dict[str, Any]]()
 def _reduce(
     robot: RobotModel,
     planned: tuple[str, ...],
-    followers: set[str],
+    mimics: set[str],
     tip: str,
     q_reference: RobotConfiguration,
     placement: Any,
 ) -> dict[str, Any]:
     """Make the fields of `PlanningGroup` that alike groups share, but for the robot itself."""
     model, geometry = _place_models(robot, placement)
-    locked = [j.index for j in robot.joints if j.name not in planned and j.name not in followers]
+    locked = [j.index for j in robot.joints if j.name not in planned and j.name not in mimics]
     model, geometry = lock_joints(model, geometry, locked, q_reference)
     space = model
-    if followers:
-        indices = [index for name, index in joint_indices(model).items() if name in followers]
+    if mimics:
+        indices = [index for name, index in joint_indices(model).items() if name in mimics]
         space, _ = lock_joints(model, geometry, indices, reference_of(model, robot, q_reference))
     joints = with_bound_rates(_regroup(robot, space), robot.joints)
     matrix, offset = expansion(robot.joints, model, space)
@@ -132,7 +132,7 @@ def _find_planned_joints(robot: RobotModel, group: str | Sequence[str] | None, t
             )
         if joint.mimic is not None:
             raise InvalidGroup(
-                f"joint {name!r} mimics {joint.mimic.driver!r} and can't be planned for by itself", joint=name
+                f"joint {name!r} mimics {joint.mimic.source!r} and can't be planned for by itself", joint=name
             )
     if not names:
         movable = [joint.name for joint in robot.joints if joint.mimic is None and _can_move(joint)]
@@ -153,7 +153,7 @@ def _default_joints(robot: RobotModel, tip: str) -> tuple[str, ...]:
     """
     above = [joint for name in joints_to(robot.model, tip) if (joint := robot.joint(name)) is not None]
     own = [joint for joint in above if joint.is_driven]
-    sources = [robot.joint(joint.mimic.driver) for joint in above if joint.mimic is not None]
+    sources = [robot.joint(joint.mimic.source) for joint in above if joint.mimic is not None]
     everywhere = [joint for joint in robot.joints if joint.is_driven and _can_move(joint)] if tip == robot.tip else []
     for candidates in (own, sources, everywhere):
         if any(joint is not None and _can_move(joint) for joint in candidates):
@@ -167,9 +167,9 @@ def _reasons_for_rest(robot: RobotModel, tip: str) -> list[str]:
     for name in joints_to(robot.model, tip):
         joint = robot.joint(name)
         if joint is not None and joint.mimic is not None:
-            driver = robot.joint(joint.mimic.driver)
-            locked = driver is not None and not _can_move(driver)
-            reasons.append(f"{name!r} mimics {joint.mimic.driver!r}{', whose limits are the same' if locked else ''}")
+            source = robot.joint(joint.mimic.source)
+            locked = source is not None and not _can_move(source)
+            reasons.append(f"{name!r} mimics {joint.mimic.source!r}{', whose limits are the same' if locked else ''}")
         elif joint is not None and joint.passive:
             reasons.append(f"{name!r} is passive in the SRDF")
     return reasons

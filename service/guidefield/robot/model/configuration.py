@@ -81,7 +81,7 @@ def configuration_from_wire(
             )
         if joint.mimic is not None:
             raise error(
-                f"joint {name!r} follows {joint.mimic.driver!r} and can't be given: give {joint.mimic.driver!r}",
+                f"joint {name!r} follows {joint.mimic.source!r} and can't be given: give {joint.mimic.source!r}",
                 joint=name,
                 path=path,
             )

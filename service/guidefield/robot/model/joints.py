@@ -54,7 +54,7 @@ TangentAxis = NewType("TangentAxis", int)
 WireAxis = NewType("WireAxis", int)
 
 RobotConfiguration = np.ndarray[tuple[RobotAxis], np.dtype[np.float64]]
-"""q of every joint of a robot, followers included, shape (robot.model.nq,) [rad, m, cosine and sine of a continuous or
+"""q of all joints of a robot, mimic joints too, shape (robot.model.nq,) [rad, m, cosine and sine of a continuous or
 planar joint's angle, or entries of a quaternion (x, y, z, w)]."""
 
 RobotConfigurations = np.ndarray[tuple[int, RobotAxis], np.dtype[np.float64]]  # several, shape (n, robot.model.nq)
@@ -130,9 +130,9 @@ class LimitSource(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Mimic:
-    """The law of a mimic joint: value = multiplier * unwrapped value of the driver + offset."""
+    """The law of a mimic joint: value = multiplier * unwrapped value of the source joint + offset."""
 
-    driver: str  # the source joint, which follows none itself
+    source: str  # name of the source joint, which isn't a mimic joint itself
     multiplier: float
     offset: float
 

@@ -166,10 +166,10 @@ def load(
     laws = mimic_laws(facts)
     joints = tuple(_make_joint(model, index, facts, laws, card, warnings) for index in range(1, model.njoints))
     _check_columns(name, joints)
-    for driver, follower in find_unwrapped(facts).items():
+    for turning, mimic in find_unwrapped(facts).items():
         warnings.append(
-            f"joint {driver!r} is continuous, but {follower!r}, which follows it, is elsewhere after a turn of it: "
-            f"{driver!r} is a revolute joint therefore, whose whole turns count"
+            f"joint {turning!r} is continuous, but {mimic!r}, which follows it, is elsewhere after a turn of it: "
+            f"{turning!r} is a revolute joint therefore, whose whole turns count"
         )
     joints = bind_ranges(joints, warnings)
     warnings += describe_bound_rates(joints)

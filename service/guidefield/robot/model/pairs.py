@@ -255,7 +255,7 @@ def random_configuration(
     Angles that others follow count whole turns: they are drawn from all their limits, or within `WIND`.
     """
     q: RobotConfiguration = pin.integrate(model, pin.neutral(model), rng.uniform(-np.pi, np.pi, model.nv))
-    followed = {joint.mimic.driver for joint in joints if joint.mimic is not None}
+    followed = {joint.mimic.source for joint in joints if joint.mimic is not None}
     for joint in joints:
         if joint.nq == 1:
             most = ROAM * size if joint.kind is JointKind.PRISMATIC else np.pi

@@ -207,7 +207,7 @@ class _RestSearch:
         turned = {
             joint.index
             for joint in self._joints
-            if joint.name in names or (joint.mimic is not None and joint.mimic.driver in names)
+            if joint.name in names or (joint.mimic is not None and joint.mimic.source in names)
         }
         supports = [set(self._model.supports[shape.parentJoint]) & turned for shape in self._geometry.geometryObjects]
         pairs = enumerate(self._geometry.collisionPairs)
@@ -221,7 +221,7 @@ class _RestSearch:
             for body in (bodies.first, bodies.second)
         )
         names = {joint.name for joint in self._joints if joint.index in first ^ second}
-        names |= {joint.mimic.driver for joint in self._joints if joint.mimic is not None and joint.name in names}
+        names |= {joint.mimic.source for joint in self._joints if joint.mimic is not None and joint.name in names}
         return [joint for joint in self._joints if joint.name in names and joint.mimic is None and joint.nv == 1]
 
 

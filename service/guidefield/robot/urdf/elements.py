@@ -72,8 +72,8 @@ class UrdfFacts:
     links: tuple[str, ...]  # link names in the order of the text
     joints: Mapping[str, JointFacts]  # joints by name, in the order of the text
     collisions: Mapping[str, tuple[CollisionFacts, ...]]  # collision shapes by link; links without any are left out
-    # followers: name to (name of the joint followed, multiplier, offset). A joint that is followed may itself follow
-    # another; there are no cycles
+    # by mimic joint: name of its source joint, multiplier, offset. A source joint may itself be a mimic joint; there
+    # are no cycles
     mimics: Mapping[str, tuple[str, float, float]]
     warnings: tuple[str, ...]  # what is odd but harmless
     meshes: Mapping[str, str]  # the URI of each mesh file, by the path that stands in `text` now
@@ -143,65 +143,65 @@ def check_joint(joint: Element, links: Collection[str], version: tuple[int, int]
 def check_mimics(
     elements: Mapping[str, Element], joints: Mapping[str, JointFacts], warnings: list[str]
 ) -> dict[str, tuple[str, float, float]]:
-    """Check mimic joints: name to (name of the joint followed, multiplier, offset), of those that move.
+    """Check mimic joints; return name to (name of the source joint, multiplier, offset), of those that move.
 
-    A name that is wrong only in that it lacks the prefix of the follower (`left_finger2` follows `finger1`, and there
-    is a `left_finger1`) is taken for the one with the prefix, with a warning: files made by macros have this fault.
+    A name that is wrong only in that it lacks the prefix of the mimic joint (`left_finger2` follows `finger1`, and
+    there is a `left_finger1`) is taken for the one with the prefix, with a warning: macros write such files.
 
     Raises:
         RobotInvalid: if a joint mimics itself, nothing, or a joint without one value; or if mimics form a cycle.
     """
     mimics = {}
-    for follower, element in elements.items():
-        for mimic in element.findall("mimic")[:1]:
-            driver = _driver(mimic, joints[follower], joints, warnings)
+    for name, joint in elements.items():
+        for element in joint.findall("mimic")[:1]:
+            source = _find_source(element, joints[name], joints, warnings)
             multiplier, offset = (
-                number(mimic, attribute, default, LARGEST_FACTOR)
+                number(element, attribute, default, LARGEST_FACTOR)
                 for attribute, default in (("multiplier", 1.0), ("offset", 0.0))
             )
-            if driver is not None:
-                mimics[follower] = (driver, multiplier, offset)
-    for follower in mimics:
-        chain = [follower]
+            if source is not None:
+                mimics[name] = (source, multiplier, offset)
+    for name in mimics:
+        chain = [name]
         while chain[-1] in mimics:
             chain.append(mimics[chain[-1]][0])
-            if chain[-1] == follower:
-                raise fault(
-                    elements[follower].find("mimic"), f"mimics form a cycle: {' mimics '.join(chain)}", cycle=chain
-                )
+            if chain[-1] == name:
+                raise fault(elements[name].find("mimic"), f"mimics form a cycle: {' mimics '.join(chain)}", cycle=chain)
             if chain[-1] in chain[:-1]:
                 break  # a cycle that doesn't come back here is found from one of its members
     return mimics
 
 
-def _driver(mimic: Element, follower: JointFacts, joints: Mapping[str, JointFacts], warnings: list[str]) -> str | None:
-    """Return the joint that is followed; None where the follower doesn't move anyway."""
-    driver = mimic.get("joint", "")
-    if follower.kind == "fixed":
-        warnings.append(warning(mimic, f"a fixed joint can't mimic {driver!r}; it stays fixed"))
+def _find_source(
+    element: Element, mimic: JointFacts, joints: Mapping[str, JointFacts], warnings: list[str]
+) -> str | None:
+    """Return the name of a mimic joint's source joint; None if the mimic joint is fixed."""
+    source = element.get("joint", "")
+    if mimic.kind == "fixed":
+        warnings.append(warning(element, f"a fixed joint can't mimic {source!r}; it stays fixed"))
         return None
-    if follower.kind not in SCALAR_JOINTS:
-        raise fault(mimic, f"a {follower.kind} joint can't mimic another")
-    if driver == follower.name:
-        raise fault(mimic, "a joint can't mimic itself")
-    if driver not in joints:
-        unknown = f"mimics {driver!r}, but there is no such joint"
-        meant = _find_prefixed(driver, follower.name, joints)
+    if mimic.kind not in SCALAR_JOINTS:
+        raise fault(element, f"a {mimic.kind} joint can't mimic another")
+    if source == mimic.name:
+        raise fault(element, "a joint can't mimic itself")
+    if source not in joints:
+        unknown = f"mimics {source!r}, but there is no such joint"
+        meant = _find_prefixed(source, mimic.name, joints)
         if len(meant) != 1:
-            raise fault(mimic, f"{unknown}; there are {', '.join(joints)}", mimics=driver)
-        driver = meant[0]
-        warnings.append(warning(mimic, f"{unknown}; taken for {driver!r}"))
-    if (kind := joints[driver].kind) not in SCALAR_JOINTS:
+            raise fault(element, f"{unknown}; there are {', '.join(joints)}", mimics=source)
+        source = meant[0]
+        warnings.append(warning(element, f"{unknown}; taken for {source!r}"))
+    if (kind := joints[source].kind) not in SCALAR_JOINTS:
         valid = ", ".join(SCALAR_JOINTS)
         raise fault(
-            mimic, f"mimics {driver!r}, which is {kind}; only {valid} joints have one value to follow", mimics=driver
+            element, f"mimics {source!r}, which is {kind}; only {valid} joints have one value to follow", mimics=source
         )
-    return str(driver)
+    return str(source)
 
 
-def _find_prefixed(driver: str, follower: str, joints: Iterable[str]) -> list[str]:
-    prefixes = {name: name[: -len(driver)] for name in joints if driver and name.endswith(driver) and name != follower}
-    return [name for name, prefix in prefixes.items() if follower.startswith(prefix)]
+def _find_prefixed(source: str, mimic: str, joints: Iterable[str]) -> list[str]:
+    prefixes = {name: name[: -len(source)] for name in joints if source and name.endswith(source) and name != mimic}
+    return [name for name, prefix in prefixes.items() if mimic.startswith(prefix)]
 
 
 def name_of_end(joint: Element, tag: str) -> str:
