@@ -23,11 +23,11 @@ from guidefield.messages import codec
 from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import MAX_VERTICES, Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
 from guidefield.robot.catalog import Catalog
+from guidefield.robot.mesh_files.kinds import MESH_SUFFIXES
 from guidefield.robot.mesh_files.reading import content_of, find_ignored_unit, read_mesh, read_objects, up_axis
 from guidefield.robot.mesh_files.xml_formats import UNITS
 from guidefield.robot.mjcf_compilation import body_names, compile_file, import_mujoco, is_mjcf, named
 from guidefield.robot.mjcf_conversion import find_colliding, rest_configuration
-from guidefield.robot.urdf.meshes import MESH_SUFFIXES
 from guidefield.robot.urdf.xml import ArgumentValue, fault, is_xacro, read_xml, root_of
 from guidefield.scene_files import clouds, sdf
 from guidefield.scene_files.builder import TO_Z_UP, Kind, SceneBuilder, cone, ellipsoid, located

@@ -22,9 +22,10 @@ from guidefield.errors import RobotInvalid, SceneInvalid
 from guidefield.geometry.surfaces import se3
 from guidefield.messages.faults import list_choices
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
+from guidefield.robot.mesh_files.kinds import MESH_SUFFIXES
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import read_mesh, read_objects
-from guidefield.robot.urdf.meshes import MESH_SUFFIXES, MeshResolver
+from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.nearby_files import enclosing_folders
 from guidefield.robot.urdf.xml import Element, fault, name_of, read_xml, root_of, warning
 from guidefield.scene_files.builder import Kind, SceneBuilder, cone, ellipsoid, located

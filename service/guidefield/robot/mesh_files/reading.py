@@ -1,7 +1,7 @@
 """Read mesh files of any kind (OBJ, OFF and STL here), vertices at one place merged, in metres, scaled by the URDF.
 
-Collision, drawing and cases for the referee use this reader. A further kind needs an entry in `READERS` and `_MARKS`,
-in `MESH_SUFFIXES` of urdf/meshes.py, and in sent_meshes.py if clients may send it.
+Collision, drawing and cases for the referee use this reader. A further kind needs an entry in `READERS`, its mark in
+kinds.py, and entries in sent_meshes.py if clients may send it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from guidefield.geometry.closed import compact
 from guidefield.robot.mesh_files.gltf import beside, buffer_files, read_gltf
+from guidefield.robot.mesh_files.kinds import STL_FACET, STL_HEADER, is_binary_stl, recognize
 from guidefield.robot.mesh_files.numbers import (
     MeshFault,
     Objects,
@@ -48,22 +49,6 @@ READERS: dict[str, Callable[[bytes, Path], Objects]] = {
     ".stl": lambda content, _: read_stl(content),
 }
 """Reader by kind of file."""
-
-_MARKS: dict[str, re.Pattern[bytes]] = {
-    ".3mf": re.compile(rb"PK\x03\x04"),
-    ".dae": re.compile(rb"\s*(?:<\?xml[^>]*>\s*)?(?:<!--(?:(?!-->).)*-->\s*)*<COLLADA\b", re.DOTALL),
-    ".glb": re.compile(rb"glTF[\x01\x02]\0\0\0"),
-    ".gltf": re.compile(rb"\s*\{[^\0]*\"asset\""),
-    ".obj": re.compile(rb"[^\0]*?^v[ \t]+[-+.\d]+[ \t]+[-+.\d]+[ \t]+[-+.\d]", re.MULTILINE),
-    ".off": re.compile(rb"(?:ST)?C?N?OFF\s"),
-    ".ply": re.compile(rb"ply\r?\n"),
-    ".stl": re.compile(rb"\s*solid\b[^\0]*\bfacet\s+normal\b", re.IGNORECASE),
-}
-"""How files of each kind begin."""
-
-_BEGINNING = 65_536  # the number of bytes in which a mark is searched for
-
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 POINTER = b"version https://git-lfs.github.com/spec/"
 PAGES = (b"<!doctype html", b"<html")
@@ -126,19 +111,7 @@ def plain_file(path: Path) -> tuple[str, bytes]:
 
 
 def _kind_and_content(path: Path) -> tuple[str, bytes]:
-    content = content_of(path)
-    if not _is_binary_stl(content):
-        content = content.removeprefix(_BYTE_ORDER_MARK)
-    return _kind_of(content, path.suffix.lower()), content
-
-
-def _kind_of(content: bytes, suffix: str) -> str:
-    """Return the kind of a file: its suffix, unless the content lacks the mark of that and has the mark of another."""
-
-    def has_mark(kind: str) -> bool:
-        return (kind == ".stl" and _is_binary_stl(content)) or bool(_MARKS[kind].match(content, 0, _BEGINNING))
-
-    return suffix if has_mark(suffix) else next(filter(has_mark, _MARKS), suffix)
+    return recognize(content_of(path), path.suffix.lower())
 
 
 def content_of(path: Path) -> bytes:
@@ -303,7 +276,6 @@ def read_off(content: bytes) -> Triangles:
     return vertices, triangulate(vertices, corners, sizes)
 
 
-HEADER = 84
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 _STL_VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
@@ -320,8 +292,8 @@ def read_stl(content: bytes) -> Objects:
     Its first word doesn't tell its kind: many a binary file begins with ``solid``. The length does, which a binary file
     states as a number of facets.
     """
-    stated = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
-    if _is_binary_stl(content):
+    stated = int.from_bytes(content[80:STL_HEADER], "little") if len(content) >= STL_HEADER else -1
+    if is_binary_stl(content):
         return _binary(content, stated)
     is_text = content.lstrip()[:5].lower() == b"solid"
     if is_text and re.search(rb"\bfacet\s+normal\b", content, re.IGNORECASE):
@@ -330,19 +302,15 @@ def read_stl(content: bytes) -> Objects:
     if stated < 0:
         if is_text:
             return Objects(np.empty((0, 3)), np.empty((0, 3), np.int64))
-        raise MeshFault(f"is no STL: it has {len(content)} bytes, and a binary one at least {HEADER}")
-    if len(content) > HEADER + stated * FACET.itemsize:  # some writers append what nobody asks for
+        raise MeshFault(f"is no STL: it has {len(content)} bytes, and a binary one at least {STL_HEADER}")
+    if len(content) > STL_HEADER + stated * STL_FACET:  # some writers append what nobody asks for
         return _binary(content, stated)
-    whole = (len(content) - HEADER) // FACET.itemsize
+    whole = (len(content) - STL_HEADER) // STL_FACET
     raise MeshFault(f"is cut short or no STL: it states {stated} facets and holds {whole}")
 
 
-def _is_binary_stl(content: bytes) -> bool:
-    return len(content) == HEADER + FACET.itemsize * int.from_bytes(content[80:HEADER], "little")
-
-
 def _binary(content: bytes, count: int) -> Objects:
-    corners = np.frombuffer(content, FACET, count, HEADER)["corners"]
+    corners = np.frombuffer(content, FACET, count, STL_HEADER)["corners"]
     return Objects(corners.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3))
 
 

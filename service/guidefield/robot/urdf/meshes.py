@@ -17,6 +17,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from guidefield.errors import RobotInvalid
+from guidefield.robot.mesh_files.kinds import MESH_SUFFIXES
 from guidefield.robot.urdf.nearby_files import (
     MANIFEST,
     MAX_ENTRIES,
@@ -28,8 +29,6 @@ from guidefield.robot.urdf.nearby_files import (
     package_name,
     same_bytes,
 )
-
-MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")  # kinds of mesh files that are read
 
 PACKAGE_SCHEMES = ("package", "model")
 FOLDERS_OF_ENVIRONMENT = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
