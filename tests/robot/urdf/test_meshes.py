@@ -248,6 +248,12 @@ def test_odd_names_of_files_end_no_search(home):
     said.encode()
 
 
+def test_a_file_that_came_with_a_robot_is_no_mesh_if_its_suffix_is_none_of_one(home):
+    given = {"package://arm/a.png": home / "outside/secret.stl"}
+    said = refused(MeshResolver.for_wire([], given), "package://arm/a.png").message
+    assert "'package://arm/a.png' is not a mesh file; one ends in .3mf, .dae" in said
+
+
 def test_over_the_wire_nothing_is_searched(home, monkeypatch):
     monkeypatch.chdir(home / "ws/arm")
     given = {"package://arm/a.stl": home / "outside/secret.stl"}

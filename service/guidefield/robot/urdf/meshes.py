@@ -133,11 +133,11 @@ class MeshResolver:
             RobotInvalid: if the URI or its suffix is of another kind, the file is missing, lies outside the allowed
                 folders, or may be any of several; names the URI and what is allowed.
         """
-        if uri in self.given:
-            return self.given[uri].resolve()
         if Path(uri).suffix.lower() not in suffixes:
             kinds = ", ".join(suffixes)
             raise RobotInvalid(f"mesh {uri!r} is not a mesh file; one ends in {kinds}: convert it", uri=uri)
+        if uri in self.given:
+            return self.given[uri].resolve()
         outside = False
         for written in dict.fromkeys((uri, unquote(uri))):
             candidates = self._candidates(written)
