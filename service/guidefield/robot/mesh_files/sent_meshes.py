@@ -2,8 +2,11 @@
 
 Some kinds name others: an .obj its materials, these their textures, a .dae and a .ply its textures, a .gltf its
 buffers. Whoever opens such a file opens these. So each must have been sent, too, and its name is replaced by the one
-that it has here; that of a .ply's texture is left out if it wasn't sent. Files are untrusted: a further kind in
-`MESHES` that can name other files needs a function in `_REWRITERS`.
+that it has here; that of a .ply's texture is left out if it wasn't sent. Some readers go by the content of a file,
+others by its suffix: each is checked as the kind of its content (`kinds.py`), and gets that suffix.
+
+Files are untrusted: a further kind in `MESHES` that can name other files needs a function in `_REWRITERS` and an entry
+in `_NAMED`. Any further kind also needs its mark in `kinds.py`, and an entry in `READERS` of `reading.py`.
 """
 
 from __future__ import annotations
@@ -21,14 +24,18 @@ from urllib.parse import unquote
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
+from guidefield.robot.mesh_files.kinds import recognize
 
 MAX_MESHES = 1_000  # most files with a robot; clients learn this and the next (`endpoint/rules.py`)
 MAX_MESH_BYTES = 32 * 2**20
-MAX_DEPTH = 3  # a file may name files that name files: an .obj materials, these textures
 
 MESHES = (".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Kinds of mesh file that are taken from a client; a .3mf is a packed archive and isn't."""
-COMPANIONS = (".bin", ".bmp", ".jpeg", ".jpg", ".mtl", ".png", ".tga")  # kinds of file that a mesh may name
+COMPANIONS = (".bin", ".bmp", ".jpeg", ".jpg", ".mtl", ".png", ".tga")
+"""Kinds of file that a mesh may name; their suffix counts alone, and none is read as a mesh."""
+_IMAGES = (".bmp", ".jpeg", ".jpg", ".png", ".tga")
+_NAMED = {".dae": _IMAGES, ".gltf": (".bin", *_IMAGES), ".mtl": _IMAGES, ".obj": (".mtl",), ".ply": _IMAGES}
+"""Kinds of file that each kind may name: a reader takes a named file for what belongs there, whatever its suffix."""
 
 _OBJ_NAMES = re.compile(rb"^([ \t]*mtllib[ \t]+)([^\n]+)", re.MULTILINE | re.IGNORECASE)
 _MTL_NAMES = re.compile(rb"^([ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+)([^\n]+)", re.MULTILINE | re.IGNORECASE)
@@ -67,24 +74,34 @@ class _Naming:
     files: dict[str, bytes] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
 
-    def name_of(self, uri: str, depth: int = 0) -> str:
+    def name_of(self, uri: str) -> str:
         if uri not in self.names:
-            suffix, content = _suffix(uri), self.meshes[uri]
-            if len(content) > MAX_MESH_BYTES:
-                raise _fault(uri, f"has {len(content)} bytes, at most {MAX_MESH_BYTES} are read", limit=MAX_MESH_BYTES)
-            if suffix in _REWRITERS:
-                content = _REWRITERS[suffix](content, uri, functools.partial(self._referred, uri, depth))
-            name = f"{hashlib.sha256(content).hexdigest()}{suffix}"
+            kind, content = self._recognize(uri)
+            if kind in _REWRITERS:
+                content = _REWRITERS[kind](content, uri, functools.partial(self._referred, uri, kind))
+            if kind in MESHES and (read := recognize(content, kind)) != (kind, content):
+                raise _fault(uri, f"is ambiguous: it is checked as {kind} and would be read as {read[0]}")
+            name = f"{hashlib.sha256(content).hexdigest()}{kind}"
             self.files[name], self.names[uri] = content, name
         return self.names[uri]
 
-    def _referred(self, uri: str, depth: int, reference: str) -> str:
+    def _recognize(self, uri: str) -> tuple[str, bytes]:
+        suffix, content = _suffix(uri), self.meshes[uri]
+        if len(content) > MAX_MESH_BYTES:
+            raise _fault(uri, f"has {len(content)} bytes, at most {MAX_MESH_BYTES} are read", limit=MAX_MESH_BYTES)
+        kind, content = recognize(content, suffix) if suffix in MESHES else (suffix, content)
+        if kind not in (*MESHES, *COMPANIONS):
+            raise _fault(uri, f"has the content of a {kind} file, which can't be sent; those are {', '.join(MESHES)}")
+        return kind, content
+
+    def _referred(self, uri: str, kind: str, reference: str) -> str:
         beside = _beside(uri, reference)
         if beside not in self.meshes:
             raise _fault(uri, f"names {reference[:200]!r}, which was not sent", names=reference[:200])
-        if depth == MAX_DEPTH:
-            raise _fault(uri, f"names {reference[:200]!r}: files that name each other", names=reference[:200])
-        return self.name_of(beside, depth + 1)
+        if _suffix(beside) not in _NAMED[kind]:
+            kinds = ", ".join(_NAMED[kind])
+            raise _fault(uri, f"names {reference[:200]!r}; a {kind} may name {kinds}", names=reference[:200])
+        return self.name_of(beside)
 
 
 def _beside(uri: str, reference: str) -> str:
@@ -119,8 +136,13 @@ def _rewrite_lines(names: re.Pattern[bytes], word: bytes, content: bytes, uri: s
 
 
 def _rewrite_gltf(content: bytes, uri: str, referred: _Referred) -> bytes:
+    def entries(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        if len(found := dict(pairs)) < len(pairs):  # which of them counts depends on the reader
+            raise _fault(uri, "has a key twice in an object of its JSON")
+        return found
+
     try:
-        document = json.loads(content)
+        document = json.loads(content, object_pairs_hook=entries)
         parts = [document]
         while parts:
             part = parts.pop()
