@@ -89,7 +89,7 @@ def test_it_says_what_it_prepares_stops_between_two_pieces_and_goes_on_from_ther
     with pytest.raises(DeadlineExpired, match="cutting l0, shape 1 of 2"):
         prepare(Catalog().load(urdf), Deadline(is_cancelled=lambda: len(heard) == 1), heard.append)
     assert heard == ["covering l0, shape 1 of 2"], "both links have the same mesh"
-    prepare(Catalog().load(urdf), told=heard.append)
+    prepare(Catalog().load(urdf), announce=heard.append)
     assert heard[1:3] == ["cutting l0, shape 1 of 2", "laying out l0, shape 1 of 2"]
 
 

@@ -69,7 +69,7 @@ def test_any_number_of_processors_finds_the_same(tmp_path: Path, monkeypatch: py
     for processors in (1, 7):
         monkeypatch.setattr(link_bounds, "usable_processors", lambda count=processors: count)
         told: list[str] = []
-        prepare(Catalog().load(urdf), told=told.append)
+        prepare(Catalog().load(urdf), announce=told.append)
         found.append((kept(tmp_path), told))
         emptied(tmp_path)
     assert len(found[0][0]) > 20
@@ -78,7 +78,7 @@ def test_any_number_of_processors_finds_the_same(tmp_path: Path, monkeypatch: py
 
 def test_stopped_anywhere_it_goes_on_from_there(tmp_path: Path) -> None:
     urdf, told = many(tmp_path, 2), []
-    prepare(Catalog().load(urdf), told=told.append)
+    prepare(Catalog().load(urdf), announce=told.append)
     whole, pieces = kept(tmp_path), len(told)
     emptied(tmp_path)
     assert pieces >= 8
@@ -138,7 +138,7 @@ import sys
 from guidefield.handlers.preparation import prepare
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.catalog import Catalog
-prepare(Catalog().load(UrdfFile(path=sys.argv[1])), told=lambda what: print(what, flush=True))
+prepare(Catalog().load(UrdfFile(path=sys.argv[1])), announce=lambda what: print(what, flush=True))
 """
 
 

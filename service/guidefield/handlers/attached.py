@@ -135,27 +135,27 @@ class StepSituation:
         objects = tuple(other for other in self.objects if other is not one)
         return dataclasses.replace(self, scene=_with(self.scene, obstacles), objects=objects)
 
-    def holding(self, asked: Attach, link: str) -> StepSituation:
+    def holding(self, attach: Attach, link: str) -> StepSituation:
         """The same with an obstacle picked up where it is; one that moves, where it comes to rest.
 
         Raises UnknownObject if there is no such obstacle, or one that it may touch; UnknownFrame if a link isn't one of
         the robot's; MalformedRequest if it is of a kind that can't be picked up.
         """
         names = [one.name for one in self.scene.obstacles]
-        for name in (asked.object, *asked.touch_objects):
+        for name in (attach.object, *attach.touch_objects):
             if name not in names:
                 raise UnknownObject(
                     f"the scene has no obstacle {name!r} then; it has {', '.join(names) or 'none'}",
                     object=name,
                     available=names,
                 )
-        found = self.scene.obstacle(asked.object)
+        found = self.scene.obstacle(attach.object)
         assert found is not None, "it is one of them"
         if not isinstance(found.message, CARRIED):
             kind = type(found.message).__struct_config__.tag
-            raise MalformedRequest(f"{asked.object!r} is a {kind}: nothing can pick it up", object=asked.object)
-        holder = asked.link or link
-        for name in (holder, *asked.touch_links):
+            raise MalformedRequest(f"{attach.object!r} is a {kind}: nothing can pick it up", object=attach.object)
+        holder = attach.link or link
+        for name in (holder, *attach.touch_links):
             if name not in self.robot.links:
                 available = list(self.robot.links)
                 raise UnknownFrame(
@@ -163,11 +163,11 @@ class StepSituation:
                 )
         placement = Placement(*wire_pose(self.frame(holder).inverse()))
         message = found.message if found.motion is None else put_at(found.message, found.motion.at(found.motion.end))
-        mass = asked.mass, asked.centre_of_mass, asked.inertia
-        attached = AttachedObject(message, holder, placement, asked.touch_links, *mass)
-        others = tuple(name for name in asked.touch_objects if name != asked.object)
+        mass = attach.mass, attach.centre_of_mass, attach.inertia
+        attached = AttachedObject(message, holder, placement, attach.touch_links, *mass)
+        others = tuple(name for name in attach.touch_objects if name != attach.object)
         held = HeldObject(attached, others, frozenset(others))
-        left = [one for one in self.scene.message.obstacles if one.name != asked.object]
+        left = [one for one in self.scene.message.obstacles if one.name != attach.object]
         return dataclasses.replace(self, scene=_with(self.scene, left), objects=(*self.objects, held))
 
     def link_of(self, frame: str) -> str:
@@ -324,8 +324,8 @@ def _collect(attached: Sequence[AttachedObject]) -> _Attached:
 
 
 @memoized
-def _build_robot(robot: RobotModel, asked: _Attached) -> RobotModel:
-    return add_held_links(robot, [_build_held(one, index) for index, one in enumerate(asked.objects)])
+def _build_robot(robot: RobotModel, attached: _Attached) -> RobotModel:
+    return add_held_links(robot, [_build_held(one, index) for index, one in enumerate(attached.objects)])
 
 
 def _build_held(one: AttachedObject, index: int) -> HeldShape:

@@ -333,7 +333,7 @@ def answer_certify(
     prepare_plan(None, problem.scene, deadline)
     deadline.check("the motion was laid out")
     sizes = tuple(problem.group.sizes.tolist())
-    _ = problem.motion.pieces, measure_travel(_motion(problem), sizes)  # laid out for all that is asked about it
+    _ = problem.motion.pieces, measure_travel(_motion(problem), sizes)  # computed once for all later queries
     uses = measure_limit_shares(problem.motion, problem.group, problem.jerk_limits)
     recording = record(problem.group, scene)
     problem = dataclasses.replace(problem, observer=recording or Silent())

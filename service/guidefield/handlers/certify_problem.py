@@ -14,17 +14,6 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGroup, MalformedRequest
 from guidefield.geometry.surfaces import se3
-from guidefield.handlers.asked_group import (
-    bounds_efforts,
-    cartesian_limits_of,
-    constraints_of,
-    effort_limit_of,
-    execution_of,
-    jerk_limits,
-    limit_group,
-    start_of,
-    warn_of_missing_masses,
-)
 from guidefield.handlers.attached import holding
 from guidefield.handlers.configurations import (
     Columns,
@@ -34,6 +23,17 @@ from guidefield.handlers.configurations import (
     require_same_joints,
     rows_in,
     velocity_names_of,
+)
+from guidefield.handlers.requested_group import (
+    bounds_efforts,
+    cartesian_limits_of,
+    constraints_of,
+    effort_limit_of,
+    execution_of,
+    jerk_limits,
+    limit_group,
+    start_of,
+    warn_of_missing_masses,
 )
 from guidefield.messages.requests import CertifyRequest, GivenTrajectory
 from guidefield.planner.judgement import GivenProblem

@@ -219,18 +219,18 @@ def _require_mimic_columns(
     for joint, column, source in _mimic_columns(columns, group):
         assert joint.mimic is not None, "it follows another"
         if source is not None:
-            asked = joint.mimic.multiplier * moves[:, source.idx_v] + (0.0 if rates else joint.mimic.offset)
+            expected = joint.mimic.multiplier * moves[:, source.idx_v] + (0.0 if rates else joint.mimic.offset)
         else:
             stands = group.q_reference[joint.idx_q : joint.idx_q + joint.nq]
-            asked = np.full(len(rows), 0.0 if rates else to_local(joint, stands, stands)[0])
-        apart = rows[:, column] - asked
+            expected = np.full(len(rows), 0.0 if rates else to_local(joint, stands, stands)[0])
+        apart = rows[:, column] - expected
         if joint.kind is JointKind.CONTINUOUS and not rates:
             apart -= 2.0 * np.pi * np.round(apart / (2.0 * np.pi))
         if len(off := np.flatnonzero(np.abs(apart) > MIMIC_TOLERANCE)):
             row = int(off[0])
             raise InvalidConfiguration(
                 f"`{field}[{row}]`: joint {joint.name!r} follows {joint.mimic.source!r}, by whose value it is"
-                f" {asked[row]:.6g}; the row has it {abs(apart[row]):.3g} off: leave its column out",
+                f" {expected[row]:.6g}; the row has it {abs(apart[row]):.3g} off: leave its column out",
                 joint=joint.name,
                 row=row,
             )
@@ -306,7 +306,7 @@ def batches(deadline: Deadline, count: int, together: int = CONFIGURATIONS_PER_C
 
 
 def require_time(deadline: Deadline, done: int, of: int) -> None:
-    """Check the deadline after some configurations, poses or points of those that were asked.
+    """Check the deadline after some configurations, poses or points of those requested.
 
     Raises DeadlineExpired if it passed.
     """

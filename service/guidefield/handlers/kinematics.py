@@ -65,7 +65,7 @@ POINTS_PER_CHECK = 4096
 A multiple of `LANES` of `kernels/field/field.py`, which evaluates as many together: else bits of replies change.
 """
 
-_Asked = TypeVar("_Asked")
+_Item = TypeVar("_Item")
 
 
 def answer_kinematics(
@@ -164,7 +164,7 @@ def inverse_kinematics(
         _require_same_outside(group, start, f"start_configurations[{index}]")
     world = World.build(group, obstacles, request.allowed_collisions) if request.collision_free else None
     accept = None
-    if world is not None:  # what is closer than `prove.closest.NEARLY`, 10 um, counts as contact: Coal isn't asked
+    if world is not None:  # what is closer than `prove.closest.NEARLY`, 10 um, counts as contact without Coal
         closest = ClosestPairs(world)
         accept = lambda zs: closest.free(group.expand_each(zs), confirmed=False)  # noqa: E731
     configurations, reasons = [], []
@@ -329,9 +329,9 @@ def _at_points(points: Sequence[Vector3], scene: Scene, deadline: Deadline) -> P
     return PointPotentialReply(potential=potentials, gradient=gradients, winding=windings)
 
 
-def _within(deadline: Deadline, asked: Sequence[_Asked]) -> Iterator[_Asked]:
-    for done, one in enumerate(asked):
-        require_time(deadline, done, len(asked))
+def _within(deadline: Deadline, items: Sequence[_Item]) -> Iterator[_Item]:
+    for done, one in enumerate(items):
+        require_time(deadline, done, len(items))
         yield one
 
 

@@ -25,20 +25,6 @@ from guidefield.deadline import UNLIMITED, Deadline, seconds_waited, working_tim
 from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, Status, at_path
 from guidefield.geometry.surfaces import se3
 from guidefield.handlers.agreement import Certified, declare, declare_parts, keep_contradictions, require_agreement
-from guidefield.handlers.asked_group import (
-    cartesian_limits_of,
-    clamp_slight,
-    constraints_of,
-    effort_limit_of,
-    execution_of,
-    goal_positions,
-    jerk_limits,
-    limit_group,
-    rates_of,
-    start_of,
-    warn_of_clamped_goals,
-    warn_of_missing_masses,
-)
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.preparation import (
@@ -52,6 +38,20 @@ from guidefield.handlers.preparation import (
     prepare_problem,
 )
 from guidefield.handlers.recording import PackedMotion, PlainMotion, Prove, Record
+from guidefield.handlers.requested_group import (
+    cartesian_limits_of,
+    clamp_slight,
+    constraints_of,
+    effort_limit_of,
+    execution_of,
+    goal_positions,
+    jerk_limits,
+    limit_group,
+    rates_of,
+    start_of,
+    warn_of_clamped_goals,
+    warn_of_missing_masses,
+)
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, GuidePlaneGoal, PlanRequest
@@ -96,7 +96,7 @@ def given_planes(request: PlanRequest, scene: Scene, deadline: Deadline) -> tupl
 
 @dataclass(frozen=True)
 class Derivation:
-    """The outcome of deriving guide planes, the first stage of a plan; None if none were asked for."""
+    """The outcome of deriving guide planes, the first stage of a plan; None if none were requested."""
 
     left: StageLeft | None = None
     warning: str | None = None
@@ -194,8 +194,8 @@ def problem_of(
 
 def in_motion(request: PlanRequest) -> bool:
     """Return whether a request's motion begins or ends in motion."""
-    asked = (request.start_velocities, request.start_accelerations, request.end_velocities)
-    return any(any(rates.values()) for rates in asked)
+    end_rates = (request.start_velocities, request.start_accelerations, request.end_velocities)
+    return any(any(rates.values()) for rates in end_rates)
 
 
 def _require_served_in_motion(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> None:
@@ -212,8 +212,8 @@ def _require_served_in_motion(request: PlanRequest, group: PlanningGroup, planes
         "leave_start_contact": (request.leave_start_contact, "leave it out"),
         "guide_planes": (bool(planes) or asks_for_planes, "give them as []"),
     }
-    for what, (asked, instead) in unserved.items():
-        if asked:
+    for what, (is_requested, instead) in unserved.items():
+        if is_requested:
             raise MalformedRequest(
                 f"with velocities or accelerations at the ends `{what}` is not served: {instead}",
                 unserved=what,
@@ -367,7 +367,7 @@ def answer_plan(
 def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> PlainMotion:
     """Restore the motion of a plan from its log, for the recording; arguments as those of `answer_plan`.
 
-    Its scene is cropped also where a proof was asked for: distances are the same (`crop_to_reach`).
+    Its scene is cropped also where a proof is requested: distances are the same (`crop_to_reach`).
     """
     problem, _ = problem_of(request, robot, scene, UNLIMITED)
     if not _is_guided(request, problem):

@@ -53,7 +53,7 @@ def reply_to(
     """Build the reply.
 
     Args:
-        drawn: The motion as a controller draws it; None where that isn't asked for.
+        drawn: The motion as a controller draws it; None if that isn't requested.
         measured: Distances along that, or else along the trajectory; None without one.
         received: As in `answer_plan`.
         seconds: Times of waiting and loading [s]; all time after the planner's stages counts as measuring.
@@ -118,7 +118,7 @@ def wire_planes(planes: Iterable[guide_plane.GuidePlane]) -> list[GuidePlane]:
 def wire_execution(
     group: PlanningGroup, planned: Trajectory | None, drawn: DrawnMotion | None, execution: ControllerModel | None
 ) -> replies.ExecutionFigures | None:
-    """The rows of a certified motion that a controller is sent; None where none are asked for."""
+    """Build the rows of a certified motion that a controller is sent; None if none are requested."""
     if drawn is None or planned is None or execution is None:
         return None
     return execution_figures(execution, planned, drawn, group)

@@ -50,7 +50,7 @@ LONG = 1.0  # a preparation of a robot that takes longer is worth a line in the 
 # time within some milliseconds
 MANY_HELD = 10_000
 
-Asked = TypeVar("Asked", bound=Conditions)
+AnyConditions = TypeVar("AnyConditions", bound=Conditions)
 
 
 def is_prepared(robot: RobotModel) -> bool:
@@ -58,8 +58,8 @@ def is_prepared(robot: RobotModel) -> bool:
     return robot in _prepared_robots
 
 
-def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Announce = lambda _: None) -> None:
-    """Compute all that is missing; `told` hears of each task, from one thread at a time.
+def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, announce: Announce = lambda _: None) -> None:
+    """Compute all that is missing; `announce` is called before each task, by one thread at a time.
 
     Raises DeadlineExpired if time was up; what is found by then is kept.
     """
@@ -68,8 +68,8 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Announce = 
     began = time.monotonic()
 
     def progress(task: ShapeTask) -> None:
-        deadline.check(task.told)
-        told(task.told)
+        deadline.check(task.description)
+        announce(task.description)
 
     covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, MOST_PARTS)
     # the cover and the parts of a mesh one after the other, from the same solid
@@ -99,7 +99,12 @@ def _surfaces(robot: RobotModel) -> list[ShapeTask]:
 
 
 def prepare_plan(
-    robot: RobotModel | None, scene: Scene, deadline: Deadline, told: Announce = lambda _: None, *, field: bool = False
+    robot: RobotModel | None,
+    scene: Scene,
+    deadline: Deadline,
+    announce: Announce = lambda _: None,
+    *,
+    field: bool = False,
 ) -> None:
     """Prepare a robot and a scene for a plan.
 
@@ -107,17 +112,17 @@ def prepare_plan(
     """
     if robot is not None and not is_prepared(robot):
         deadline.check("the meshes of the robot")
-        prepare(robot, deadline, told)
+        prepare(robot, deadline, announce)
     if scene not in _prepared and unplaced(scene):
-        for some in _scenes_asked(scene):
+        for some in _find_scenes(scene):
             deadline.check(f"the obstacles of scene {scene.name}")
-            _prepare_obstacles(some, deadline, told)
+            _prepare_obstacles(some, deadline, announce)
     _prepared.add(scene)
     if field:
         prepare_field(scene, deadline)
 
 
-def prepare_problem(request: PlanRequest, problem: Problem, told: Announce) -> None:
+def prepare_problem(request: PlanRequest, problem: Problem, announce: Announce) -> None:
     """Prepare the scene of a problem, and its robot if a plan certainly connects.
 
     Raises DeadlineExpired if the deadline passed before all is prepared.
@@ -126,12 +131,12 @@ def prepare_problem(request: PlanRequest, problem: Problem, told: Announce) -> N
         return
     robot = problem.group.robot if connects(request) else None
     field = bool(problem.guide_planes) or request.guide_planes == "auto"
-    prepare_plan(robot, problem.scene, problem.deadline, told, field=field)
+    prepare_plan(robot, problem.scene, problem.deadline, announce, field=field)
     if robot is not None:
         prepare_links(problem.world, problem.deadline)
 
 
-def crop_to_reach(problem: Asked, deadline: Deadline, *, limited: bool = True) -> Asked:
+def crop_to_reach(problem: AnyConditions, deadline: Deadline, *, limited: bool = True) -> AnyConditions:
     """Crop the scene of a problem to the obstacles in its robot's reach: distances from the nearest ones are the same.
 
     Raises DeadlineExpired if time was up before.
@@ -153,7 +158,7 @@ def connects(request: PlanRequest) -> bool:
     return not isinstance(request.goal, GuidePlaneGoal)
 
 
-def _scenes_asked(scene: Scene) -> Iterator[Scene]:
+def _find_scenes(scene: Scene) -> Iterator[Scene]:
     yield scene
     if scene.moves and are_many([scene.message.obstacles[k] for k in scene.others], MANY_HELD):
         yield scene.resting
@@ -161,11 +166,11 @@ def _scenes_asked(scene: Scene) -> Iterator[Scene]:
             yield scene.at(time)
 
 
-def _prepare_obstacles(scene: Scene, deadline: Deadline, told: Announce) -> None:
+def _prepare_obstacles(scene: Scene, deadline: Deadline, announce: Announce) -> None:
     if scene.convex:
-        prepare_scene(scene, deadline, told)
+        prepare_scene(scene, deadline, announce)
         return
-    run_parallel(lambda: distance_tables(scene), lambda: prepare_scene(scene, deadline, told))
+    run_parallel(lambda: distance_tables(scene), lambda: prepare_scene(scene, deadline, announce))
     for lay_out in (lane_scene, prepare_obstacles, obstacle_boxes):
         deadline.check(f"the surfaces of scene {scene.name}")
         lay_out(scene)

@@ -258,12 +258,12 @@ def answer_steps(
     measured = None if found is None else [*zip(segments, found, strict=True)]
     if measured is not None:
         free = {id(one) for one, verdict in zip(made.segments, made.verdicts, strict=False) if verdict.free}
-        judged = [one for one in measured if id(one[0]) in free]
+        collision_free = [one for one in measured if id(one[0]) in free]
         require_agreement(
             run_id,
             [
                 Certified(found, segment.min_clearance, functools.partial(_motions, request, made, [segment]))
-                for segment, found in judged
+                for segment, found in collision_free
             ],
         )
     if request.proof:
@@ -364,7 +364,7 @@ def _step(
     leg: StepResult[StepSituation], steps: Steps, made: SequencePlan[StepSituation], measured: Measured
 ) -> replies.StepFigures:
     own = [(segment, one) for segment, one in measured if segment.index == leg.index and steps.moves(leg.index)]
-    judged = [
+    verdicts = [
         verdict for segment, verdict in zip(made.segments, made.verdicts, strict=False) if segment.index == leg.index
     ]
     count = sum(segment.index == leg.index for segment in made.segments)
@@ -378,10 +378,10 @@ def _step(
         clearance=_least_clearance([_figures(segment, one, made) for segment, one in own], own),
         self_clearance=_least_self([self_figures(one, _certified(segment, made, 0.0)) for segment, one in own]),
         certificate=replies.CertificateFigures(
-            collision_free=bool(judged) and len(judged) == count and all(verdict.free for verdict in judged),
+            collision_free=bool(verdicts) and len(verdicts) == count and all(verdict.free for verdict in verdicts),
             method=CERTIFICATE,
             covers=f"trajectory from {begin:.6f} s to {end:.6f} s",
-            evaluations=sum(verdict.evaluations for verdict in judged),
+            evaluations=sum(verdict.evaluations for verdict in verdicts),
         ),
         permissions=[
             replies.Permission(object=one.touch[0], obstacle=one.touch[1], begin=since, end=until)
@@ -432,11 +432,11 @@ def _fastest(uses: Sequence[Sequence[replies.CartesianUse]]) -> list[replies.Car
 
 
 def _strongest(figures: Sequence[replies.EffortFigures | None]) -> replies.EffortFigures | None:
-    told = [one for one in figures if one is not None]
-    if not told or told[0].energy is None:
-        return told[0] if told else None
-    joints = [max(each, key=lambda use: use.effort) for each in zip(*(one.joints for one in told), strict=True)]
-    return replies.EffortFigures(joints=joints, energy=sum(one.energy or 0.0 for one in told))
+    present = [one for one in figures if one is not None]
+    if not present or present[0].energy is None:
+        return present[0] if present else None
+    joints = [max(each, key=lambda use: use.effort) for each in zip(*(one.joints for one in present), strict=True)]
+    return replies.EffortFigures(joints=joints, energy=sum(one.energy or 0.0 for one in present))
 
 
 def _least_self(figures: Sequence[replies.SelfClearance]) -> replies.SelfClearance | None:

@@ -15,7 +15,10 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline, working_time
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
 from guidefield.geometry.surfaces import se3, wire_pose
-from guidefield.handlers.asked_group import (
+from guidefield.handlers.attached import HeldObject, StepSituation, holding, payload_inertia
+from guidefield.handlers.plan import in_motion, problem_of, refuse_ends, with_derived_planes
+from guidefield.handlers.preparation import Announce, prepare_problem
+from guidefield.handlers.requested_group import (
     cartesian_limits_of,
     constraints_of,
     effort_limit_of,
@@ -26,9 +29,6 @@ from guidefield.handlers.asked_group import (
     start_of,
     warn_of_clamped_goals,
 )
-from guidefield.handlers.attached import HeldObject, StepSituation, holding, payload_inertia
-from guidefield.handlers.plan import in_motion, problem_of, refuse_ends, with_derived_planes
-from guidefield.handlers.preparation import Announce, prepare_problem
 from guidefield.messages import requests
 from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
@@ -89,9 +89,9 @@ class Steps:
         step = self._request.steps[index]
         if step.goal is None:
             return None
-        asked = self._make_request(index, at)
+        request = self._make_request(index, at)
         with _in_step(index):
-            problem, _ = problem_of(asked, at.robot, at.scene.since(begin), self._deadline)
+            problem, _ = problem_of(request, at.robot, at.scene.since(begin), self._deadline)
             if step.linear and not problem.group.is_euclidean:
                 several = [joint.name for joint in problem.group.joints if joint.nv > 1]
                 raise MalformedRequest(
@@ -99,8 +99,8 @@ class Steps:
                     joints=several,
                 )
         problem = dataclasses.replace(problem, counters=self.counters, began=begin)
-        way = _way(step, asked, problem) if step.linear else None
-        return StepMotion(problem, self._planned(asked, way), way)
+        way = _way(step, request, problem) if step.linear else None
+        return StepMotion(problem, self._planned(request, way), way)
 
     def after(self, index: int, at: StepSituation, q: RobotConfiguration, time: float) -> StepSituation:
         """As in `StepSequence`."""
@@ -117,10 +117,10 @@ class Steps:
 
     def conditions(self, index: int, at: StepSituation) -> Conditions:
         """As in `StepSequence`."""
-        asked = self._limited_for(index)
+        request = self._limited_for(index)
         with _in_step(index):
             robot = holding(at.robot, [one.attached for one in at.objects], at.scene)
-            group = self._group(robot, at.q, asked)
+            group = self._group(robot, at.q, request)
             return Conditions(
                 group=group,
                 scene=at.scene,
@@ -128,9 +128,9 @@ class Steps:
                 min_clearance=self._request.min_clearance,
                 allowed_collisions=frozenset(self._request.allowed_collisions),
                 path_constraints=constraints_of(self._request, group),
-                cartesian_limits=cartesian_limits_of(asked, group),
+                cartesian_limits=cartesian_limits_of(request, group),
                 effort_limit=effort_limit_of(self._request, group),
-                jerk_limits=jerk_limits(group, asked),
+                jerk_limits=jerk_limits(group, request),
                 execution=self.execution,
                 deadline=self._deadline,
                 counters=self.counters,
@@ -158,11 +158,11 @@ class Steps:
     def _moving_joints(self) -> list[str]:
         names, known = set[str](), list[tuple[str | list[str] | None, str]]()
         for index, step in enumerate(self._request.steps):
-            asked = self._joints(step), self._tip(step)
-            if step.goal is not None and asked not in known:
-                known.append(asked)
+            selection = self._joints(step), self._tip(step)
+            if step.goal is not None and selection not in known:
+                known.append(selection)
                 with _in_step(index):
-                    part = select(self.start.robot, *asked, self.start.q, self.start.root)
+                    part = select(self.start.robot, *selection, self.start.q, self.start.root)
                     names |= {joint.name for joint in part.joints}
         if not names:
             raise MalformedRequest("no step has a `goal`: nothing moves", path="$.steps")
@@ -241,19 +241,19 @@ class Steps:
         moving = {*(joint.name for joint in part.joints), *mimic_laws(part)}
         return bool(carriers & moving)
 
-    def _planned(self, asked: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:
+    def _planned(self, request: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:
         def planned(problem: Problem) -> Plan:
             began = working_time()
             if (refusal := refuse_ends(problem)) is not None:
                 return refusal
-            prepare_problem(asked, problem, self._preparing)
+            prepare_problem(request, problem, self._preparing)
             loaded = working_time() - began
             if way is not None:
                 made = straight_plan(problem, way)
             else:
-                derived, derivation = with_derived_planes(problem, asked)
-                attempts = ATTEMPTS[asked.minimizer](problem.group)
-                made = derivation.add_to(plan(derived, Planner(asked.planner), attempts))
+                derived, derivation = with_derived_planes(problem, request)
+                attempts = ATTEMPTS[request.minimizer](problem.group)
+                made = derivation.add_to(plan(derived, Planner(request.planner), attempts))
             return dataclasses.replace(made, seconds={**made.seconds, "load": loaded})
 
         return planned
@@ -337,11 +337,11 @@ def _goal(step: PlanStep, at: StepSituation, tip: str) -> requests.Goal:
     return requests.PoseGoal(*wire_pose(there))
 
 
-def _way(step: PlanStep, asked: PlanRequest, problem: Problem) -> StraightWay:
-    assert isinstance(asked.goal, requests.PoseGoal), "a straight way leads to a pose"
+def _way(step: PlanStep, request: PlanRequest, problem: Problem) -> StraightWay:
+    assert isinstance(request.goal, requests.PoseGoal), "a straight way leads to a pose"
     group = problem.group
     begin = problem.kinematics.frame_placement(group.expand_from_local(problem.z_start), group.tip_id)
-    end = se3(asked.goal.position, asked.goal.quaternion_xyzw)
+    end = se3(request.goal.position, request.goal.quaternion_xyzw)
     return StraightWay(group.tip, begin, end, step.line_tolerance, step.turn_tolerance)
 
 

@@ -50,7 +50,7 @@ Question = tuple[str, Arrays, Callable[[], Arrays]]
 class ShapeTask(NamedTuple):
     """Work on a collision shape, and on all that are equal to it."""
 
-    told: str  # in words: ``covering link2, shape 3 of 8``
+    description: str  # in words: ``covering link2, shape 3 of 8``
     extent: float  # of the shape [m], or in its unit: the largest takes longest
     find: Callable[[], object]
 
@@ -67,7 +67,7 @@ Progress = Callable[[ShapeTask], None]  # called before each task is begun, by o
 
 def log_task(task: ShapeTask) -> None:
     """Log what is done."""
-    _log.info("%s", task.told)
+    _log.info("%s", task.description)
 
 
 def find_in_parallel(tasks: Sequence[ShapeTask], progress: Progress, threads: int | None = None) -> None:
@@ -108,19 +108,19 @@ class ByShape(Generic[Found]):
         self._doing, self._question, self._restored = doing, question, restored
         self._known = Answers[tuple[Found | None, ...]]()
 
-    def all(self, robot: RobotModel, asked: Hashable, progress: Progress) -> tuple[Found | None, ...]:
+    def all(self, robot: RobotModel, argument: Hashable, progress: Progress) -> tuple[Found | None, ...]:
         """Find a result for each shape, in the geometry's order; exceptions of `progress` are raised."""
-        search = self.search(robot, asked)
+        search = self.search(robot, argument)
         find_in_parallel(search.tasks, progress)
         return search.keep()
 
-    def recall(self, robot: RobotModel, asked: Hashable) -> tuple[Found | None, ...]:
+    def recall(self, robot: RobotModel, argument: Hashable) -> tuple[Found | None, ...]:
         """Return the results that are in memory or on disk; None for the others."""
-        return self.search(robot, asked).found()
+        return self.search(robot, argument).found()
 
-    def search(self, robot: RobotModel, asked: Hashable) -> ShapeSearch[Found]:
+    def search(self, robot: RobotModel, argument: Hashable) -> ShapeSearch[Found]:
         """Return the results that are known, and tasks for the others, the largest shape first."""
-        known, unit = self._known.of(robot, asked), power_of_two(robot.size)
+        known, unit = self._known.of(robot, argument), power_of_two(robot.size)
         if known is not MISSING:
             return ShapeSearch([], lambda: known, lambda: known)
         names: list[str | None] = []
@@ -134,7 +134,7 @@ class ByShape(Generic[Found]):
             return tuple(None if name is None else answers.get(name) for name in names)
 
         for index, shape in enumerate(robot.geometry.geometryObjects):
-            question = self._question(shape.geometry, asked, unit)
+            question = self._question(shape.geometry, argument, unit)
             names.append(None if question is None else entry_name(*question))
             name = names[-1]
             if question is None or name is None or name in answers or name in tasks:
@@ -149,7 +149,7 @@ class ByShape(Generic[Found]):
             work = functools.partial(find, name, question)
             tasks[name] = ShapeTask.of(self._doing, robot, index, extent, work)
         largest_first = sorted(tasks.values(), key=lambda task: -task.extent)
-        return ShapeSearch(largest_first, collect, lambda: self._known.keep(robot, asked, collect()))
+        return ShapeSearch(largest_first, collect, lambda: self._known.keep(robot, argument, collect()))
 
 
 class ShapeSearch(NamedTuple, Generic[Found]):
@@ -160,7 +160,7 @@ class ShapeSearch(NamedTuple, Generic[Found]):
     keep: Callable[[], tuple[Found | None, ...]]  # returns them once all are found, and keeps them with the robot
 
 
-DELTA = 0.015  # by how much covers may leave the shapes, unless told otherwise [m], at size 1
+DELTA = 0.015  # by how much covers may leave the shapes, unless stated otherwise [m], at size 1
 
 LARGE = 3_000.0
 """A surface of more than LARGE delta^2 gets a cover that may leave it further, by sqrt(area / LARGE).

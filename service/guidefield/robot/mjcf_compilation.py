@@ -229,15 +229,17 @@ def joint_laws(model: Any, warnings: list[str]) -> JointLaws:
             continue
         mimic, source = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
         offset, slope, *curve = (float(number) for number in model.eq_data[index, :5])
-        told = f"{what} of joint {joints[mimic]!r}"
+        constraint = f"{what} of joint {joints[mimic]!r}"
         if mimic in laws.mimics or mimic in laws.constants:
-            warnings.append(f"{told} isn't kept: the joint has another one")
+            warnings.append(f"{constraint} isn't kept: the joint has another one")
         elif source < 0 or (slope == 0.0 and not any(curve)):
             laws.constants[mimic] = reference[mimic] + offset
         elif any(curve):
-            warnings.append(f"{told} isn't kept: it follows {joints[source]!r} by a curve, and moves by itself here")
+            warnings.append(
+                f"{constraint} isn't kept: it follows {joints[source]!r} by a curve, and moves by itself here"
+            )
         elif _follows(laws, source, mimic):
-            warnings.append(f"{told} isn't kept: {joints[source]!r} follows it already")
+            warnings.append(f"{constraint} isn't kept: {joints[source]!r} follows it already")
         else:
             shift = reference[mimic] + offset - slope * reference[source]
             laws.mimics[mimic] = (source, slope, shift)

@@ -235,18 +235,18 @@ def incremental(
 
         @functools.wraps(make)
         def find(scene: Any, /, *rest: Rest.args, **options: Rest.kwargs) -> Table:
-            asked = (rest, *options.items())
-            table = known.of(scene, asked)
+            arguments = (rest, *options.items())
+            table = known.of(scene, arguments)
             if table is not MISSING:
                 return table
             updated = None
-            if len(scene.obstacles) >= MANY and (found := _find_before(scene, known, asked)) is not None:
+            if len(scene.obstacles) >= MANY and (found := _find_before(scene, known, arguments)) is not None:
                 before, table, rows = found
                 updated = update(table, rows, scene, *rest, **options)
                 earlier = _read_before(before)[0]
                 if earlier is not None:
-                    known.forget(earlier, asked)  # tables of two scenes are kept, not of all
-            return known.keep(scene, asked, make(scene, *rest, **options) if updated is None else updated)
+                    known.forget(earlier, arguments)  # tables of two scenes are kept, not of all
+            return known.keep(scene, arguments, make(scene, *rest, **options) if updated is None else updated)
 
         return find
 
@@ -259,7 +259,7 @@ def _read_before(scene: Any) -> tuple[Any, Rows | None]:
     return before and before(), rows
 
 
-def _find_before(scene: Any, known: Answers[Table], asked: object) -> tuple[Any, Table, Rows] | None:
+def _find_before(scene: Any, known: Answers[Table], arguments: object) -> tuple[Any, Table, Rows] | None:
     """Return the last scene before that has a table, the table, and the rows from there to here."""
     rows: Rows | None = None
     while True:
@@ -269,6 +269,6 @@ def _find_before(scene: Any, known: Answers[Table], asked: object) -> tuple[Any,
         rows = step if rows is None else rows.after(step)
         if not rows.are_few:
             return None
-        table = known.of(scene, asked)
+        table = known.of(scene, arguments)
         if table is not MISSING:
             return scene, table, rows

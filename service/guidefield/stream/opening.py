@@ -15,8 +15,8 @@ from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
 from guidefield.geometry.surfaces import se3
-from guidefield.handlers.asked_group import bounds_efforts, cartesian_limits_of, jerk_limits, limit_group, start_of
 from guidefield.handlers.attached import holding
+from guidefield.handlers.requested_group import bounds_efforts, cartesian_limits_of, jerk_limits, limit_group, start_of
 from guidefield.messages.streams import Deviation, StreamOpen
 from guidefield.planner.task.motion_limits import CartesianLimit
 from guidefield.robot.group.group import PlanningGroup

@@ -14,7 +14,7 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.conditions import UrdfText
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.catalog import Catalog
-from guidefield.robot.model.loading import MOST_TOLD, crosscheck
+from guidefield.robot.model.loading import MAX_REMARKS, crosscheck
 from tests.robot.random_chains import chains
 from tests.robots import box_arm, load, robot
 
@@ -201,7 +201,7 @@ def test_what_is_placed_otherwise_is_told() -> None:
     elsewhere.jointPlacements[2].translation = elsewhere.jointPlacements[2].translation + np.array([0.0, 0.0, 0.01])
     told = crosscheck(dataclasses.replace(robot, model=elsewhere)).warnings[len(robot.warnings) :]
     assert told[0].startswith("yourdfpy places link 'panda_link2' otherwise, by 0.01")
-    assert len(told) == MOST_TOLD + 1
+    assert len(told) == MAX_REMARKS + 1
     assert told[-1].startswith("yourdfpy reads ")
     assert told[-1].endswith(" more things otherwise")
 

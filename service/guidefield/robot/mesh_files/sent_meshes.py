@@ -129,8 +129,10 @@ def _rewrite_lines(names: re.Pattern[bytes], word: bytes, content: bytes, uri: s
     content = _LINE_ENDS.sub(b"\n", content)
     if b"\\\n" in content:
         raise _fault(uri, "has lines that go on after a backslash")
-    told = sum(match[0].lower().count(word) == 1 for match in names.finditer(content) if word in match[0].lower())
-    if content.lower().count(word) != told:
+    names_found = sum(
+        match[0].lower().count(word) == 1 for match in names.finditer(content) if word in match[0].lower()
+    )
+    if content.lower().count(word) != names_found:
         raise _fault(uri, f"has {word.decode()!r} where it doesn't begin a line that names a file")
     return names.sub(line, content)
 

@@ -160,9 +160,9 @@ def _hull_stand_off(around: Surface, body: Solid) -> float:
 
 
 def _wall(vertices: np.ndarray, triangles: np.ndarray) -> str:
-    """Say why a mesh has no inside; "" of a closed one."""
-    judged = mesh_surface(vertices, triangles)
-    return "" if judged is None or judged.solid else judged.warnings[-1]
+    """Return the reason why a mesh has no inside; "" of a closed one."""
+    surface = mesh_surface(vertices, triangles)
+    return "" if surface is None or surface.solid else surface.warnings[-1]
 
 
 def _fill_volume(around: Surface, distance: float, body: Solid) -> float:

@@ -85,7 +85,7 @@ KINDS = {
 """Kind of joint by Pinocchio's name of it."""
 
 SAME_PLACEMENT = 1e-6  # placements of links that differ by more than this [m, or 1] are not the same
-MOST_TOLD = 5  # differences that get a sentence each; the others are counted
+MAX_REMARKS = 5  # differences that get a sentence each; the others are counted
 BENT_SHARE = 0.3
 """Where in its range each joint stands while placements are compared; the value of those without limits [rad or m]."""
 _UNREAD = ("visual", "collision", "transmission", "gazebo")
@@ -340,10 +340,10 @@ def crosscheck(robot: RobotModel) -> RobotModel:
     degrees of freedom, mimic joints of mimic joints, and rotations as quaternions (URDF 1.1). No file is opened.
     """
     root = etree.fromstring(robot.source.urdf_text.encode())
-    told = [*_describe_capsules(robot, root), *_find_placed_otherwise(robot, root)]
-    if len(told) > MOST_TOLD:
-        told = [*told[:MOST_TOLD], f"yourdfpy reads {len(told) - MOST_TOLD} more things otherwise"]
-    return dataclasses.replace(robot, warnings=(*robot.warnings, *told)) if told else robot
+    remarks = [*_describe_capsules(robot, root), *_find_placed_otherwise(robot, root)]
+    if len(remarks) > MAX_REMARKS:
+        remarks = [*remarks[:MAX_REMARKS], f"yourdfpy reads {len(remarks) - MAX_REMARKS} more things otherwise"]
+    return dataclasses.replace(robot, warnings=(*robot.warnings, *remarks)) if remarks else robot
 
 
 def _describe_capsules(robot: RobotModel, root: Any) -> list[str]:
@@ -355,11 +355,11 @@ def _describe_capsules(robot: RobotModel, root: Any) -> list[str]:
         if choice.shape == "capsule" and "cylinder" in shapes.get(choice.link, ())
     )
     unknown = [link for link, tags in shapes.items() if "capsule" in tags]
-    told = (
+    remarks = (
         (rounded, "by <collision_checking> a cylinder is a capsule; yourdfpy and other tools read flat ends"),
         (unknown, "yourdfpy and other tools don't know <capsule>, and see nothing there"),
     )
-    return [f"link {', '.join(map(repr, links))}: {what}" for links, what in told if links]
+    return [f"link {', '.join(map(repr, links))}: {what}" for links, what in remarks if links]
 
 
 def _find_placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
@@ -407,13 +407,13 @@ def _find_misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> lis
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     root = data.oMf[robot.frame_id(other.base_link)]
-    told, placed = [], _find_placements(other)
+    differences, placed = [], _find_placements(other)
     for link in other.link_map:
         ours = root.actInv(data.oMf[robot.frame_id(link)]).homogeneous
         apart = float(np.abs(ours - placed[link]).max())
         if not apart <= SAME_PLACEMENT * max(1.0, float(np.abs(ours).max())):
-            told.append(f"yourdfpy places link {link!r} otherwise, by {apart:.3g}")
-    return told
+            differences.append(f"yourdfpy places link {link!r} otherwise, by {apart:.3g}")
+    return differences
 
 
 def _find_placements(other: Any) -> dict[str, np.ndarray]:

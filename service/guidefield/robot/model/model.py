@@ -178,7 +178,7 @@ class RobotModel:
     pairs_left_out: tuple[PairLeftOut, ...]
     warnings: tuple[str, ...]  # what was odd but harmless, for every reply about it
     source: RobotSource
-    # the same about a robot that comes with guidefield, told where it is described: its users can't mend it
+    # the same about a robot that comes with guidefield, reported by its description alone: its users can't mend it
     remarks: tuple[str, ...] = ()
     rest_state: str | None = None  # name of the SRDF's state that it is, as far as that goes
     held: tuple[str, ...] = ()  # names of the links that are objects it holds

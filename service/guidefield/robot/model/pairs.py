@@ -50,7 +50,7 @@ def scratch_space(geometry: Any) -> Any:
         # Coal's newer field, `gjk_initial_guess`, does not switch off the older one, which Pinocchio switches on.
         warnings.simplefilter("ignore", DeprecationWarning)
         contact.enable_cached_gjk_guess = distance.enable_cached_gjk_guess = False
-    # all pairs are asked alike; to set each by itself takes three times as long as all else here
+    # all queries are alike; to set each by itself takes three times as long as all else here
     scratch.collisionRequests = _alike(coal.StdVec_CollisionRequest(), contact, count)
     scratch.distanceRequests = _alike(coal.StdVec_DistanceRequest(), distance, count)
     return scratch
@@ -67,7 +67,7 @@ SLACK = 1e-6  # meshes aren't tested if their hulls are this much further apart 
 
 
 class SelfContacts:
-    """Tests collision pairs of a geometry model for contact; `exact_tests` counts those whose meshes were asked."""
+    """Tests collision pairs of a geometry model for contact; `exact_tests` counts those that tested meshes."""
 
     def __init__(self, model: Any, geometry: Any) -> None:
         self.geometry = replace_balls(geometry)
@@ -185,8 +185,8 @@ def choose_pairs(
         if touching[pair] > ALWAYS_SHARE and pair not in reasons:
             reasons[pair] = f"touching in {_percent(touching[pair])}"
             if disabled or said_by != "SRDF":
-                told = " and ".join(sorted(pair))
-                warnings.append(f"{told} always touch, though the {said_by} has them tested; left out")
+                both = " and ".join(sorted(pair))
+                warnings.append(f"{both} always touch, though the {said_by} has them tested; left out")
     left_out = tested & _are_among(links, reasons)
     geometry.setCollisionPairs(tested & ~left_out, True)
     present = {frozenset((links[first], links[second])) for first, second in np.argwhere(left_out).tolist()}

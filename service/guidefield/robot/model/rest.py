@@ -79,8 +79,8 @@ def _state(
     within = next((name for name in ordered if not beyond[name]), None)
     for name in ordered[: None if within is None else ordered.index(within)]:
         use = "it is not the rest configuration" if within else "the rest configuration has the limit instead"
-        told = use if within or name == ordered[0] else "it is not the rest configuration"
-        warnings.append(f"the SRDF's state {name!r} is beyond limits ({', '.join(beyond[name])}): {told}")
+        consequence = use if within or name == ordered[0] else "it is not the rest configuration"
+        warnings.append(f"the SRDF's state {name!r} is beyond limits ({', '.join(beyond[name])}): {consequence}")
     chosen = within or next(iter(ordered), None)
     return chosen, states.get(chosen or "", {})
 
@@ -140,10 +140,12 @@ def choose_rest(
     search = _RestSearch(model, geometry, joints, MARGIN * size)
     if at_first := search.touching(q):
         freed = search.free_of_contacts(q)
-        told = _describe_contacts(links, geometry, at_first)
+        contacts = _describe_contacts(links, geometry, at_first)
         moved = [j.name for j in joints if not np.allclose(q[_at(j)], freed[_at(j)], rtol=0.0, atol=1e-12)]
         if moved:
-            warnings.append(f"{told} in the rest configuration as stated or zero; {', '.join(moved)} are moved for it")
+            warnings.append(
+                f"{contacts} in the rest configuration as stated or zero; {', '.join(moved)} are moved for it"
+            )
         if left := search.touching(freed):
             warnings.append(
                 f"{_describe_contacts(links, geometry, left)} in the rest configuration; none free was found near it"

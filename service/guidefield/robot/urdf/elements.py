@@ -421,8 +421,8 @@ def _thicken(shape: Element, warnings: list[str]) -> None:
             thin.append(f"{attribute!r} of {shape.get(attribute)!r}")
             shape.set(attribute, " ".join(repr(size if size >= NO_LENGTH else least) for size in sizes))
     if thin:
-        told = f"<{shape.tag}> has the {' and the '.join(thin)}; {THIN}"
-        warnings.append(warning(shape, told))
+        sentence = f"<{shape.tag}> has the {' and the '.join(thin)}; {THIN}"
+        warnings.append(warning(shape, sentence))
 
 
 def _resolve_collision_mesh(mesh: Element, resolver: MeshResolver) -> Path:

@@ -73,8 +73,8 @@ class MeshResolver:
     enclosing: tuple[Path, ...] = ()  # the folders about the URDF that may hold packages too, the nearest first
     # files that are searched by the end of their path for what isn't where its URI says; None: no search
     nearby: NearbyFiles | None = None
-    # what an error says is allowed; None: the folders. A client over the wire hears of no folder of ours
-    told: tuple[str, ...] | None = None
+    # what an error says is allowed; None: the folders. A client over the wire must not see folders of the service
+    allowed: tuple[str, ...] | None = None
     advice: str = ""  # what an error says to do about a mesh that isn't there
     folders: tuple[Path, ...] = field(init=False)  # every allowed folder: those of the other attributes
     # files found elsewhere than their URIs say, or ambiguous, by URI: for a warning
@@ -93,8 +93,10 @@ class MeshResolver:
         """
         folders = tuple(package_dirs)
         own = ("further packages of the service",) if folders else ()
-        told = ("meshes sent with the robot", f"package://{CATALOG_PACKAGE}/", *own)
-        return cls(packages=_catalog_packages(), package_dirs=folders, given=given or {}, told=told, advice=SEND_IT)
+        allowed = ("meshes sent with the robot", f"package://{CATALOG_PACKAGE}/", *own)
+        return cls(
+            packages=_catalog_packages(), package_dirs=folders, given=given or {}, allowed=allowed, advice=SEND_IT
+        )
 
     @classmethod
     def for_catalog(cls, urdf_path: Path) -> MeshResolver:
@@ -260,7 +262,7 @@ class MeshResolver:
         return [*named, *(f if f.name == name else f / name for f in (*self.package_dirs, *self.enclosing))]
 
     def _make_refusal(self, uri: str, why: str, advice: str = "") -> RobotInvalid:
-        allowed = [_printable(folder) for folder in self.folders] if self.told is None else list(self.told)
+        allowed = [_printable(folder) for folder in self.folders] if self.allowed is None else list(self.allowed)
         words = f"{_kind(uri)} {uri!r} {why} (allowed: {', '.join(allowed) or 'nothing'})"
         return RobotInvalid(f"{words}; {advice}" if advice else words, uri=uri, allowed=allowed)
 

@@ -98,13 +98,13 @@ def mimic_laws(group: PlanningGroup) -> dict[str, Mimic]:
     return {name: law for name, law in laws.items() if law.source in planned}
 
 
-def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> LocalRate | None:
-    """Rates of every coordinate, shape (nv,), 0 where none is given; None where none is asked for.
+def rates_of(rates: Mapping[str, float], field: str, group: PlanningGroup) -> LocalRate | None:
+    """Return the rates of all coordinates, shape (nv,), 0 where the request gives none; None if all are 0.
 
     Raises InvalidConfiguration if a joint is named that doesn't move, or has several coordinates.
     """
     joints = {joint.name: joint for joint in group.joints}
-    for name in asked:
+    for name in rates:
         details = {"joint": name, "path": f"$.{field}.{name}"}
         if name not in joints:
             raise InvalidConfiguration(
@@ -116,48 +116,49 @@ def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> Lo
             raise InvalidConfiguration(
                 f"`{field}` is served for joints of one coordinate; {name!r} is {joints[name].kind.value}", **details
             )
-    if not any(asked.values()):
+    if not any(rates.values()):
         return None
-    return np.concatenate([np.full(joint.nv, asked.get(joint.name, 0.0)) for joint in group.joints])
+    return np.concatenate([np.full(joint.nv, rates.get(joint.name, 0.0)) for joint in group.joints])
 
 
 def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> LocalRate | None:
-    """Jerk limits of every coordinate, shape (nv,), infinite where there is none; None where none is asked for."""
-    asked = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
-    if not asked:
+    """Return the jerk limits of all coordinates, shape (nv,), infinite where there is none; None without any."""
+    requested = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
+    if not requested:
         return None
     for name, law in mimic_laws(group).items():
-        if name in asked and law.multiplier != 0.0:
-            asked[law.source] = min(asked.get(law.source, np.inf), asked[name] / abs(law.multiplier))
-    return np.concatenate([np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints])
+        if name in requested and law.multiplier != 0.0:
+            requested[law.source] = min(requested.get(law.source, np.inf), requested[name] / abs(law.multiplier))
+    return np.concatenate([np.full(joint.nv, requested.get(joint.name, np.inf)) for joint in group.joints])
 
 
 def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerModel | None:
-    """The model of the controller that executes the motion of a group; None where a request doesn't say.
+    """Build the model of the controller that executes a group's motion; None if the request has no `execution`.
 
     Raises:
         MalformedRequest: if what is drawn can't keep a limit.
         InvalidConfiguration: if a joint has several coordinates, or a tolerance names one that the group doesn't move.
     """
-    asked = request.execution
-    if asked is None:
+    execution = request.execution
+    if execution is None:
         return None
-    if request.cartesian_limits and asked.interpolation == Interpolation.ZERO_ORDER_HOLD.value:
+    if request.cartesian_limits and execution.interpolation == Interpolation.ZERO_ORDER_HOLD.value:
         raise MalformedRequest(
             "with `execution.interpolation` 'zero_order_hold' `cartesian_limits` are not served: steps have no speed",
             unserved="cartesian_limits",
         )
-    jumps = asked.interpolation not in ("cubic", "quintic")
+    interpolation = execution.interpolation
+    jumps = interpolation not in ("cubic", "quintic")
     if jumps and any(one.acceleration is not None for one in request.cartesian_limits):
         raise MalformedRequest(
-            f"with `execution.interpolation` {asked.interpolation!r} limits of acceleration in space are not served:"
+            f"with `execution.interpolation` {interpolation!r} limits of acceleration in space are not served:"
             " velocities jump, which takes any acceleration",
             unserved="cartesian_limits",
             path="$.cartesian_limits",
         )
     if jumps and bounds_efforts(request):
         raise MalformedRequest(
-            f"with `execution.interpolation` {asked.interpolation!r} limits of effort are not served: velocities jump,"
+            f"with `execution.interpolation` {interpolation!r} limits of effort are not served: velocities jump,"
             " which takes any torque",
             unserved="limits",
             path="$.limits",
@@ -168,9 +169,9 @@ def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerMode
             f"`execution` is served for joints of one coordinate; {', '.join(several)} has several", joints=several
         )
     tolerance = np.zeros(group.nv)
-    if isinstance(asked.tolerance, dict):
+    if isinstance(execution.tolerance, dict):
         places = {joint.name: joint.idx_v for joint in group.joints}
-        for name, value in asked.tolerance.items():
+        for name, value in execution.tolerance.items():
             if name not in places:
                 raise InvalidConfiguration(
                     f"`execution.tolerance` names joint {name!r}, which the group doesn't move; it moves"
@@ -181,8 +182,8 @@ def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerMode
                 )
             tolerance[places[name]] = value
     else:
-        tolerance[:] = asked.tolerance
-    return ControllerModel(Interpolation(asked.interpolation), asked.rate, tolerance)
+        tolerance[:] = execution.tolerance
+    return ControllerModel(Interpolation(interpolation), execution.rate, tolerance)
 
 
 def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathConstraint, ...]:
@@ -207,15 +208,15 @@ def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathCo
 
 
 def effort_limit_of(request: MotionRequest, group: PlanningGroup) -> EffortLimit | None:
-    """The limits of torques that a request binds; None where there is none.
+    """Build the torque limits of a request; None if it has none.
 
     Raises MalformedRequest if the robot has no dynamics, or a joint is named that follows another one.
     """
-    asked = {name: limits.effort for name, limits in request.limits.items() if limits.effort is not None}
-    if not asked:
+    requested = {name: limits.effort for name, limits in request.limits.items() if limits.effort is not None}
+    if not requested:
         return None
     tree, laws = tree_of(group), mimic_laws(group)
-    for name in asked:
+    for name in requested:
         if name in laws:
             raise MalformedRequest(
                 f"`limits.{name}.effort` can't be kept: {name!r} follows {laws[name].source!r}, which is driven",
@@ -227,7 +228,7 @@ def effort_limit_of(request: MotionRequest, group: PlanningGroup) -> EffortLimit
                 f"`limits.{name}.effort` can't be kept: {tree}", joint=name, path=f"$.limits.{name}.effort"
             )
     assert not isinstance(tree, str), "there is dynamics"
-    limits = [np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints]
+    limits = [np.full(joint.nv, requested.get(joint.name, np.inf)) for joint in group.joints]
     return EffortLimit(tree, np.concatenate(limits), tuple(group.velocity_names))
 
 
