@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import os
 import re
 from pathlib import Path
 
@@ -175,3 +176,20 @@ def test_a_file_that_trimesh_finds_empty_is_read_as_it_is_for_collisions():
     expected.computeLocalAABB()
     box = expected.aabb_local
     assert np.allclose([drawn.vertices.min(axis=0), drawn.vertices.max(axis=0)], [box.min_, box.max_], atol=1e-6)
+
+
+def test_a_texture_that_is_postscript_is_not_run(tmp_path, monkeypatch):
+    """Pillow goes by content, and hands PostScript to Ghostscript, whatever a client called the file."""
+    program, ran = tmp_path / "gs", tmp_path / "ran"
+    program.write_text(f"#!/bin/sh\ntouch {ran}\nexit 1\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    (tmp_path / "a.mtl").write_text("newmtl a\nmap_Kd a.png\n")
+    header = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n"
+    (tmp_path / "a.png").write_bytes(header + b"showpage\n%%EOF\n")
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    faces = "f 1/1 3/2 2/3\nf 1/1 2/2 4/3\nf 2/1 3/2 4/3\nf 1/1 4/2 3/3\n"
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\nusemtl a\n{corners}{faces}")
+    with pytest.raises(OSError, match="Ghostscript"):
+        surface.read_mesh(tmp_path / "a.obj", np.ones(3), None)
+    assert not ran.exists()

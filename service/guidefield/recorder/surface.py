@@ -14,6 +14,7 @@ from typing import Any
 import coal
 import numpy as np
 import trimesh
+from PIL import EpsImagePlugin
 
 from guidefield.geometry.closed import find_connected
 from guidefield.geometry.convex import FlatError, convex_hull
@@ -31,6 +32,8 @@ SAME_EXTENT, SAME_AREA = 1e-3, 0.05
 """Our reading and trimesh's are the same if they differ by at most these shares: polygons may be cut differently."""
 TEXTURE_SIZE = 512  # longest side of a texture, in pixels
 GREY = (204, 204, 208, 255)  # colour of a body that has none of its own (RGBA)
+
+EpsImagePlugin.gs_binary = False  # textures that clients send are recognized by content: none runs Ghostscript
 
 
 @dataclass(frozen=True, eq=False)
