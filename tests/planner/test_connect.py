@@ -36,7 +36,7 @@ from guidefield.planner.tree_search import FARTHEST_STRIDE, STRIDE, explain_fail
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.path_constraints import Cone, line, plane, point
-from tests.collision.lanes.test_lanes import draw
+from tests.collision.batch.test_batch_collision import draw
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, group, grouped, rest
 
@@ -75,9 +75,9 @@ def test_joints_of_every_kind_find_a_way_round(kinds: str) -> None:
     ]
     made = problem(planned, scene_of(*walls))
     zs = draw(planned, 400, 7)
-    ends = zs[~made.lanes.touching(zs)]
+    ends = zs[~made.batch.touching(zs)]
     ways = [(start, planned.unwrapped(goal, start)) for start, goal in pairwise(ends)]
-    blocked = [way for way in ways if not made.lanes.free_until(np.array(way), 32.0)]
+    blocked = [way for way in ways if not made.batch.free_until(np.array(way), 32.0)]
     assert len(blocked) > 2
     for start, goal in blocked[:3]:
         connection = connect(made, start, goal[None], np.random.default_rng(0))
@@ -180,7 +180,7 @@ COARSE = 32.0
 def first_path(seed: int = 0) -> tuple:
     made, start, goal = wall_between()
     rng = np.random.default_rng(seed)
-    found = tree_search.grow(made.lanes, start[None], goal[None], COARSE, 0.0, rng, Deadline())
+    found = tree_search.grow(made.batch, start[None], goal[None], COARSE, 0.0, rng, Deadline())
     assert found.path is not None
     return made, found.path
 
@@ -291,7 +291,7 @@ def test_what_was_not_found_in_time_comes_with_numbers() -> None:
     made, start, goal = wall_between()
     calls = iter(range(100))
     deadline = Deadline(is_cancelled=lambda: next(calls) > 20)
-    found = tree_search.grow(made.lanes, start[None], goal[None], 32.0, 2.0, np.random.default_rng(0), deadline)
+    found = tree_search.grow(made.batch, start[None], goal[None], 32.0, 2.0, np.random.default_rng(0), deadline)
     assert found.path is None
     message = explain_failed_search(found, 1, in_time=True)
     assert f"in time: {found.motions} motions were judged" in message
@@ -333,7 +333,7 @@ def test_a_path_keeps_the_constraint_and_never_jumps(seed: int) -> None:
     rng, ends = np.random.default_rng(seed), []
     while len(ends) < 2:
         z = keeper.bring_back(made.group.to_local(made.group.random(rng)))
-        if z is not None and not made.lanes.touching(z[None])[0]:
+        if z is not None and not made.batch.touching(z[None])[0]:
             ends.append(z)
     found = connect_constrained(made, keeper, ends[0], np.array(ends[1:]), rng)
     assert found.status is Status.SUCCESS

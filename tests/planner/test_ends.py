@@ -127,7 +127,7 @@ def test_of_a_set_those_that_are_free_are_left() -> None:
     made = problem("panda", "table", ConfigurationGoal(qs))
     kept = find_goal_points(made)
     expected = np.array([q for q, one in zip(qs, free, strict=True) if one])
-    assert len(kept) == len(expected)  # none of them is within the lanes' band of contact
+    assert len(kept) == len(expected)  # none of them is within the batch's band of contact
     assert np.allclose(kept, expected)
 
 

@@ -1,4 +1,4 @@
-"""Trees on lanes: the sequence, whole turns; what they find is free at its samples."""
+"""Trees of SIMD batches: the sequence, whole turns; what they find is free at its samples."""
 
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
@@ -20,10 +20,10 @@ from tests.robots import box_arm, grouped
 
 def search(seed: int = 0, **deadline: object) -> tuple[tree_search.FoundPath, BatchCollision]:
     made, start, goal = wall_between()
-    lanes = made.lanes
-    assert lanes is not None
+    batch = made.batch
+    assert batch is not None
     rng = np.random.default_rng(seed)
-    return tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Deadline(**deadline)), lanes
+    return tree_search.grow(batch, start[None], goal[None], 32.0, 0.0, rng, Deadline(**deadline)), batch
 
 
 @pytest.mark.parametrize("locked", [0.1, 0.7])  # the nearest float32 is above the one and below the other
@@ -32,30 +32,30 @@ def test_rounding_takes_no_sample_beyond_a_limit(locked: float) -> None:
     joints[1] = joints[1].replace('lower="-2" upper="2"', f'lower="{locked}" upper="{locked}"')
     arm = grouped(UrdfText(text="</joint>".join(joints)))
     world = World.build(arm, scene_of(messages.Sphere(name="ball", radius=0.15, position=(0.0, 0.0, 1.2))))
-    lanes, ends = BatchCollision.build(world), np.array([[-1.2, locked, 0.0], [0.9, locked, 0.0]])
-    found = tree_search.grow(lanes, ends[:1], ends[1:], 32.0, 0.0, np.random.default_rng(0), Deadline())
+    batch, ends = BatchCollision.build(world), np.array([[-1.2, locked, 0.0], [0.9, locked, 0.0]])
+    found = tree_search.grow(batch, ends[:1], ends[1:], 32.0, 0.0, np.random.default_rng(0), Deadline())
     assert len(found.path) > 2
     assert (found.path[:, 1] == locked).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_samples_of_what_is_found_are_free(seed: int) -> None:
-    found, lanes = search(seed)
+    found, batch = search(seed)
     _, start, goal = wall_between()
     np.testing.assert_array_equal(found.path[[0, -1]], [start, goal])
     for a, b in pairwise(found.path):
         count = 1 + int(32.0 * np.linalg.norm(b - a))
         for t in np.linspace(0.0, 1.0, count)[1:]:
             z = a + t * (b - a)
-            assert not lanes.world.in_collision(z) or clearance_at(lanes.world, z).obstacle_distance > -0.02
-    assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
+            assert not batch.world.in_collision(z) or clearance_at(batch.world, z).obstacle_distance > -0.02
+    assert batch.free_until(found.path, 32.0) == len(found.path) - 1
 
 
 def test_the_same_seed_gives_the_same_path_in_a_world_that_has_answered_before() -> None:
     made, start, goal = wall_between()
     paths = []
     for _ in range(3):
-        found = tree_search.grow(made.lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(3), Deadline())
+        found = tree_search.grow(made.batch, start[None], goal[None], 32.0, 0.0, np.random.default_rng(3), Deadline())
         paths.append(found.path)
     np.testing.assert_array_equal(paths[0], paths[1])
     np.testing.assert_array_equal(paths[0], paths[2])
@@ -64,9 +64,9 @@ def test_the_same_seed_gives_the_same_path_in_a_world_that_has_answered_before()
 
 def test_angles_that_wrap_go_the_short_way_round() -> None:
     planned = grouped(box_arm("continuous", 1))
-    lanes = BatchCollision.build(World.build(planned, scene_of()))
+    batch = BatchCollision.build(World.build(planned, scene_of()))
     start, goal = np.array([3.0]), np.array([-3.0])
-    found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(0), Deadline())
+    found = tree_search.grow(batch, start[None], goal[None], 32.0, 0.0, np.random.default_rng(0), Deadline())
     assert (np.abs(np.diff(found.path, axis=0)) < np.pi).all()
     np.testing.assert_allclose(np.cos(found.path[-1]), np.cos(goal), atol=1e-6)
     np.testing.assert_allclose(np.sin(found.path[-1]), np.sin(goal), atol=1e-6)
@@ -75,11 +75,11 @@ def test_angles_that_wrap_go_the_short_way_round() -> None:
 def test_one_of_several_goals_is_reached() -> None:
     made, start, goal = wall_between()
     goals = np.stack([goal, goal + 0.02])
-    found = tree_search.grow(made.lanes, start[None], goals, 32.0, 0.0, np.random.default_rng(0), Deadline())
+    found = tree_search.grow(made.batch, start[None], goals, 32.0, 0.0, np.random.default_rng(0), Deadline())
     assert any(np.array_equal(found.path[-1], goal) for goal in goals)
     # roots may lie in memory as they like
     across = tree_search.grow(
-        made.lanes, start[None], np.asfortranarray(goals), 32.0, 0.0, np.random.default_rng(0), Deadline()
+        made.batch, start[None], np.asfortranarray(goals), 32.0, 0.0, np.random.default_rng(0), Deadline()
     )
     np.testing.assert_array_equal(across.path, found.path)
 
@@ -105,9 +105,9 @@ def sliding_box() -> UrdfText:
 def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
     """Between start and goal, 2 m apart, is a wall that ends 12 m away: farther than most samples are from the way."""
     wall = messages.Box(name="wall", size=(0.1, 14.0, 1.0), position=(0.0, -1.0, 0.0))
-    lanes = BatchCollision.build(World.build(grouped(sliding_box()), scene_of(wall)))
+    batch = BatchCollision.build(World.build(grouped(sliding_box()), scene_of(wall)))
     start, goal = np.array([[-1.0, -6.0]]), np.array([[1.0, -6.0]])
-    found = tree_search.grow(lanes, start, goal, 32.0, 0.0, np.random.default_rng(seed), Deadline())
+    found = tree_search.grow(batch, start, goal, 32.0, 0.0, np.random.default_rng(seed), Deadline())
     assert found.path[:, 1].max() > 6.0
     assert found.motions < 5000
-    assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
+    assert batch.free_until(found.path, 32.0) == len(found.path) - 1

@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from guidefield.collision.batch import scene_tables
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.lanes import scene_tables
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.geometry import cache

@@ -1,8 +1,8 @@
 """Meshes that no modeller should make: thin, flat, doubled, crossed, needle-like, far away; and what robots of them do.
 
 As a program, `python -m tests.robot.odd_meshes FIRST COUNT` takes robots of such meshes, as a client may send them, as
-far as a world in lanes and a field: each either is refused by name or goes all the way. That nothing ends the process
-is for whoever runs it to see.
+far as a world for batches and a field: each either is refused by name or goes all the way. That nothing ends the
+process is for whoever runs it to see.
 """
 
 import sys
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.world import World
 from guidefield.errors import RobotInvalid, SceneInvalid
 from guidefield.messages.requests import UrdfFile

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.lanes.scene_tables import lane_scene
+from guidefield.collision.batch.scene_tables import batch_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.memory import Limit
 from guidefield.messages import codec, scene as messages
@@ -104,7 +104,7 @@ def tables(scene: Scene) -> dict[str, Any]:
             boxes.tree.nodes,
         ),
         "distances": distance_tables(scene),
-        "lanes": (lane_scene(scene).owners, lane_scene(scene).tables),
+        "batch": (batch_scene(scene).owners, batch_scene(scene).tables),
         "moving": moving_tables(scene),
         "field": scene.tables,
     }

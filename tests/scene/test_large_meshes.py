@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.collision.lanes import scene_tables
+from guidefield.collision.batch import scene_tables
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.geometry import cache
 from guidefield.handlers.preparation import prepare_plan
@@ -77,8 +77,8 @@ def new_scene() -> Scene:
 
 def everything(scene: Scene) -> list[Any]:
     """All that is made of a scene, as bytes."""
-    lanes, distances = scene_tables.lane_scene(scene), of_scene.distance_tables(scene)
-    arrays = [*lanes.tables[0][1:], *lanes.tables[1], lanes.owners, *distances[:-2], *distances.surfaces]
+    batch, distances = scene_tables.batch_scene(scene), of_scene.distance_tables(scene)
+    arrays = [*batch.tables[0][1:], *batch.tables[1], batch.owners, *distances[:-2], *distances.surfaces]
     arrays += [array for one in scene.obstacles for array in (one.vertices, one.triangles, one.box)]
     told = [(one.solid, one.convex, one.warnings) for one in scene.obstacles]
     return [told, *((np.asarray(a).dtype, np.shape(a), np.asarray(a).tobytes()) for a in arrays)]

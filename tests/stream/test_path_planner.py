@@ -93,7 +93,7 @@ def test_gaps_are_no_larger_than_distances_and_motions_keep_from_what_drifts() -
             )
             for side, turn, row in zip(sides, turns, rows, strict=True)
         ])  # fmt: skip
-        gaps = paths.lanes.gaps(rows, z[None], most)[0]
+        gaps = paths.batch.gaps(rows, z[None], most)[0]
         assert (gaps <= np.minimum(np.maximum(distances, -np.inf), most) + 1e-5).all()
         apart = distances > 0.0
         assert (gaps[apart] >= np.minimum(distances, most)[apart] - LARGER).all()

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.problems import Problems, print_times, problems_parser, scene_message
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.messages.scene import Scene

@@ -174,7 +174,7 @@ def _panda_problem(robot: Any, scene: Any, rng: np.random.Generator, centre: np.
             row[0, [0, 5, 10]] = 1.0
             row[0, [3, 7, 11]], row[0, 12:15] = where, 0.5 * size
             gap = 0.5 if hunters else SMALLEST_GAP
-            if paths.lanes.gaps(row, np.array(zs), 0.6).min() < gap:
+            if paths.batch.gaps(row, np.array(zs), 0.6).min() < gap:
                 continue
             speed = 0.9 if hunters else rng.uniform(0.1, 0.5)
             direction = rng.normal(size=3)

@@ -13,12 +13,12 @@ import pinocchio as pin
 
 from doubting.scenery import KINDS, make_fly, obstacle as random_obstacle
 from guidefield.case_file import Motion, make_cases
+from guidefield.collision.batch.scene_tables import batch_scene
 from guidefield.collision.bodies import bodies
-from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import LINK
-from guidefield.kernels.distance.point_tree import LaneCloud
+from guidefield.kernels.distance.point_tree import BatchCloud
 from guidefield.kernels.prove.kept_distance import LOG_ROW, ROW_A, ROW_AXIS, ROW_B, ROW_PAIR, ROW_SEGMENT
 from guidefield.kernels.simd.vector import LANES
 from guidefield.messages import scene as messages
@@ -195,7 +195,7 @@ def _by_boxes(scene: Scene, obstacles: Mapping[str, Body]) -> Found:
 
 def _by_batch_boxes(scene: Scene, obstacles: Mapping[str, Body]) -> Found:
     """Each triangle or point of an obstacle, or the whole of a primitive, in a box of SIMD batches."""
-    made = lane_scene(scene)
+    made = batch_scene(scene)
     boxes = made.tables[0].boxes.reshape(-1, 6, LANES).swapaxes(1, 2).reshape(-1, 6).astype(float)[: len(made.owners)]
     for index, obstacle in enumerate(scene.obstacles):
         one, mine = obstacles[obstacle.name], boxes[made.owners == index]
@@ -237,7 +237,7 @@ def _in_trees(scene: Scene) -> Found:
         yield "the tree of distances", float(_beyond(np.split(inside, 2, axis=1), about).max(initial=0.0))
 
 
-def _in_cloud(name: str, cloud: LaneCloud, points: np.ndarray) -> Found:
+def _in_cloud(name: str, cloud: BatchCloud, points: np.ndarray) -> Found:
     """Each point of a cloud among those of its tree, and below a box of each level that holds it."""
     kept = cloud.points.reshape(-1, 3, LANES).swapaxes(1, 2).reshape(-1, 3)[: len(points)].astype(float)
     order, given = (np.lexsort(some.astype(np.float32).T) for some in (kept, points))

@@ -1,4 +1,4 @@
 """Collision: a robot among obstacles, exact distances, tables for SIMD batches, and bounds on motions for proofs.
 
-`lanes` stands on the world, which may not import it (service/contracts.toml).
+`batch` stands on the world, which may not import it (service/contracts.toml).
 """

@@ -4,7 +4,7 @@ Coal and its Qhull crash on hulls of points that are doubled or lie almost in a 
 such points from them. Vertices of a hull are input points bit for bit; `case_file.py` hands them to the referee.
 
 The tree is laid out by counts alone (`cluster_counts`, `count_boxed`), so that tables of a large mesh are allocated
-before it is written (`collision/lanes/surface_tables.py`, `collision/part_tables.py`). Balls contain their triangles,
+before it is written (`collision/batch/surface_tables.py`, `collision/part_tables.py`). Balls contain their triangles,
 polytopes their points. `CLUSTERS` (ascending) and `BOXED` are time, and which distance within its tolerance a search
 finds; `MOST_VERTICES` is also how closely convex parts fit (`decomposition.py`), which streams' proofs rest on.
 """

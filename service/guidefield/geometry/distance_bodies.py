@@ -207,7 +207,7 @@ class DistanceBody:
     bounds: Floats  # lower and upper corner of a box about it in its own frame, shape (6,) [m]
     placement: Floats  # rotation and translation of that frame, shape (3, 4) [m]
     surface: SurfaceTables | None = None  # the triangles of a solid or sheet, in its own frame
-    cloud: int = 0  # address of the words of its `LaneCloud` (kernels/distance/point_tree.py), if it is a cloud
+    cloud: int = 0  # address of the words of its `BatchCloud` (kernels/distance/point_tree.py), if it is a cloud
     # of a cropped solid how its sides are found, in its own frame, see `winding.ANCHOR`; shape (9,)
     anchor: Floats | None = None
 

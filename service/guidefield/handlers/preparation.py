@@ -18,10 +18,10 @@ from typing import TypeVar
 
 import coal
 
+from guidefield.collision.batch.batch_collision import prepare_robot
+from guidefield.collision.batch.scene_tables import batch_scene, prepare_scene
 from guidefield.collision.bodies import reach_ball
 from guidefield.collision.clearance import find_closed_bodies
-from guidefield.collision.lanes.lanes import prepare_robot
-from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.part_tables import recall_mesh_tree, robot_parts
 from guidefield.collision.solids import hulls_of
@@ -154,7 +154,7 @@ def crop_to_reach(problem: AnyConditions, deadline: Deadline, *, limited: bool =
 
 
 def connects(request: PlanRequest) -> bool:
-    """Return whether a plan certainly needs a connection by lanes."""
+    """Return whether a plan certainly needs a search in SIMD batches."""
     return not isinstance(request.goal, GuidePlaneGoal)
 
 
@@ -171,7 +171,7 @@ def _prepare_obstacles(scene: Scene, deadline: Deadline, announce: Announce) -> 
         prepare_scene(scene, deadline, announce)
         return
     run_parallel(lambda: distance_tables(scene), lambda: prepare_scene(scene, deadline, announce))
-    for lay_out in (lane_scene, prepare_obstacles, obstacle_boxes):
+    for lay_out in (batch_scene, prepare_obstacles, obstacle_boxes):
         deadline.check(f"the surfaces of scene {scene.name}")
         lay_out(scene)
 

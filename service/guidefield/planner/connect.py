@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.errors import Status
 from guidefield.kernels.tree.path_constraints import KeptFrames, bring_back
 from guidefield.planner import tree_search
@@ -121,16 +121,16 @@ class _PathSearch:
     def try_goal(self, index: int) -> None:
         """Look for a way to a goal; for another one by another tree, unless the straight one is free."""
         problem, goal = self._problem, self._goals[index]
-        lanes, clearance = problem.lanes, problem.min_clearance
+        batch, clearance = problem.batch, problem.min_clearance
         way = np.array([self._start, goal])
         if self.straight.get(index, False):
             return
         if index not in self.straight:
-            self.straight[index] = bool(lanes.free_until(way, RESOLUTION, clearance))
+            self.straight[index] = bool(batch.free_until(way, RESOLUTION, clearance))
         if not self.straight[index]:
             roots = np.concatenate([goal[None], problem.group.turned_otherwise(goal)])
             found = tree_search.grow(
-                lanes,
+                batch,
                 self._start[None],
                 roots,
                 RESOLUTION,
@@ -144,7 +144,7 @@ class _PathSearch:
             problem.tell(TreeGrown(found.trees))
             if found.path is None:
                 return
-            way = lanes.shorten(found.path, RESOLUTION, clearance + MARGIN * problem.group.size)
+            way = batch.shorten(found.path, RESOLUTION, clearance + MARGIN * problem.group.size)
         self.found.append((score_path(problem, way), way))
 
 
@@ -169,7 +169,7 @@ def estimate_time(path: LocalPoints, velocity_limits: LocalRate) -> float:
 
 
 def explain_no_path(
-    lanes: BatchCollision, start: LocalPoint, goals: LocalPoints, resolution: float, clearance: float
+    batch: BatchCollision, start: LocalPoint, goals: LocalPoints, resolution: float, clearance: float
 ) -> str | None:
     """Explain why a group of one coordinate can't get to any goal; None where it can, or has several coordinates.
 
@@ -177,14 +177,14 @@ def explain_no_path(
     more than half a turn away if they wrap; the resolution is samples of a motion per length in them [1/rad or
     1/m], the clearance the distance kept from obstacles [m].
     """
-    group = lanes.world.group
+    group = batch.world.group
     if group.nv != 1:
         return None
     joint, ways = group.joints[0], list(goals)
     round_again = joint.kind in ANGLE
     if round_again:
         ways += [goal - 2.0 * np.pi * np.sign(goal - start) for goal in goals]
-    if any(lanes.free_until(np.array([start, end]), resolution, clearance) for end in ways):
+    if any(batch.free_until(np.array([start, end]), resolution, clearance) for end in ways):
         return None
     which = "either way round" if round_again else "on the only way"
     return f"joint {joint.name} can't get to the goal: {which} it comes to what it must not touch"
@@ -219,18 +219,18 @@ def shorten_path(
     """Look for shorter paths from where a path (n, nv) begins to one of several free goals (m, nv)."""
     units = problem.group.units
     deadline, before, done = problem.deadline.share(ROUNDS_SHARE), length_of(path, units), 0
-    lanes, clearance, start = problem.lanes, problem.min_clearance, path[:1]
+    batch, clearance, start = problem.batch, problem.min_clearance, path[:1]
     while done < rounds.number and not deadline.expired():
         bound = (1.0 - LEAST_SHORTER) * length_of(path, units)
         within = goals[np.linalg.norm((goals - start) / units, axis=1) < bound]
         if len(within) == 0:
             break
         found = tree_search.grow(
-            lanes, start, within, rounds.resolution, clearance, rng, deadline, within=bound, most_motions=ROUND_MOTIONS
+            batch, start, within, rounds.resolution, clearance, rng, deadline, within=bound, most_motions=ROUND_MOTIONS
         )
         _count(problem, found)
         if found.path is not None:
-            candidate = lanes.shorten(found.path, rounds.resolution, clearance + rounds.margin)
+            candidate = batch.shorten(found.path, rounds.resolution, clearance + rounds.margin)
             if length_of(candidate, units) < bound and accepted(candidate):
                 path = candidate
         done += 1
@@ -258,9 +258,9 @@ def connect(
 ) -> Connection:
     """Find a free motion from a free point (nv,) to one of several (m, nv), and shorten it.
 
-    Where it need not be certified, one that lanes found free at samples is enough.
+    Where it need not be certified, one that is free at the samples of a batch is enough.
     """
-    lanes, clearance, margin = problem.lanes, problem.min_clearance, MARGIN * problem.group.size
+    batch, clearance, margin = problem.batch, problem.min_clearance, MARGIN * problem.group.size
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     if len(near) > 1 or problem.objective is Objective.TIME:
         quickest = _connect_to_quickest(problem, z_start, near, rng, prove)
@@ -268,9 +268,9 @@ def connect(
             return quickest
     for goal in near[np.argsort(np.linalg.norm((near - z_start) / problem.group.units, axis=1))]:
         way = np.array([z_start, goal])
-        if lanes.free_until(way, RESOLUTION, clearance) and (not prove or _certify_path(problem, way)):
+        if batch.free_until(way, RESOLUTION, clearance) and (not prove or _certify_path(problem, way)):
             return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
-    blocked = explain_no_path(lanes, z_start, near, RESOLUTION, clearance)
+    blocked = explain_no_path(batch, z_start, near, RESOLUTION, clearance)
     if blocked is not None:
         return Connection(Status.PLANNING_FAILED, blocked, z_start[None])
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
@@ -280,12 +280,12 @@ def connect(
         return not prove or _certify_path(problem, path)
 
     for _ in range(ATTEMPTS):
-        found = tree_search.grow(lanes, z_start[None], roots, resolution, clearance, rng, problem.deadline)
+        found = tree_search.grow(batch, z_start[None], roots, resolution, clearance, rng, problem.deadline)
         _count(problem, found)
         problem.tell(TreeGrown(found.trees))
         if found.path is None:
             break
-        path = lanes.shorten(found.path, resolution, clearance + margin)
+        path = batch.shorten(found.path, resolution, clearance + margin)
         if accepted(path):
             message = f"found by a tree in {found.iterations} iterations"
             number = problem.optimization_iterations
@@ -380,7 +380,7 @@ def connect_constrained(
     """Find a motion within path constraints from z_start (nv,) to one of some goals (m, nv), free by samples."""
     roots = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     found = tree_search.grow(
-        problem.lanes, z_start[None], roots, RESOLUTION, 0.0, rng, problem.deadline,
+        problem.batch, z_start[None], roots, RESOLUTION, 0.0, rng, problem.deadline,
         most_iterations=CONSTRAINED_ITERATIONS, frames=keeper.tables,
     )  # fmt: skip
     _count(problem, found)
@@ -403,7 +403,7 @@ def _shorten(problem: Problem, keeper: Keeper, path: LocalPoints, rng: np.random
         first, last = np.sort(rng.choice(len(path), 2, replace=False))
         ends = path[first], path[last]
         way = tree_search.grow(
-            problem.lanes, ends[0][None], ends[1][None], RESOLUTION, 0.0, rng, problem.deadline,
+            problem.batch, ends[0][None], ends[1][None], RESOLUTION, 0.0, rng, problem.deadline,
             most_iterations=0, frames=keeper.tables,
         ).path  # fmt: skip
         if way is None or np.abs(way[-1] - ends[1]).max() > 1e-9:  # not there, or there the other way round

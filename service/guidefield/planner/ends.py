@@ -219,7 +219,7 @@ def find_tip_points(
     if result.solutions:
         return chosen(problem, np.array(result.solutions))
     rejected = [problem.group.expand_from_local(z) for z in result.rejected]
-    touching, touch = find_touching_each(problem.world, rejected)  # lanes refuse what all but touches
+    touching, touch = find_touching_each(problem.world, rejected)  # batches refuse what all but touches
     if zs := [z for z, kept in zip(result.rejected, _are_apart(problem, result.rejected, touch), strict=True) if kept]:
         return chosen(problem, np.array(zs))
     if (status := problem.deadline.status()) is not None and result.cause is not Cause.OUT_OF_REACH:
@@ -256,7 +256,7 @@ def _choose_in_the_open(
 
 
 def _is_hopeless(problem: Problem, result: IkResult) -> bool:
-    """Return whether no search finds more than the last one, of which all touches something, as far as lanes tell."""
+    """Return whether no search finds more than the last one: by SIMD batches all that it found touches something."""
     return result.exhausted and not _touch_nothing(problem, cast(LocalPoints, np.array(result.rejected))).any()
 
 
@@ -305,7 +305,7 @@ class _TipBlockage:
 def are_free(problem: Problem, zs: LocalPoints) -> np.ndarray:
     """Return which local coordinates (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool.
 
-    Those that lanes find free are; if lanes find none, Coal judges all.
+    Those that a SIMD batch finds free are free; if it finds none, Coal tests all.
     """
     free = _are_outside(problem, zs)
     return free if free.any() else _are_free_by_coal(problem, zs)
@@ -321,7 +321,7 @@ def _touch_nothing(problem: Problem, zs: LocalPoints, beyond: float = 0.0) -> np
     """Return which of some points (n, nv) surely touch nothing, keep clearance and more, and path constraints: (n,)."""
     if problem.world.held_contacts:
         return np.zeros(len(zs), bool)
-    free: np.ndarray = ~problem.lanes.touching(zs, problem.min_clearance + beyond)
+    free: np.ndarray = ~problem.batch.touching(zs, problem.min_clearance + beyond)
     if problem.path_constraints:
         free[free] = [_find_violation(problem, z) is None for z in zs[free]]
     return free

@@ -261,7 +261,7 @@ def remove_waypoints(problem: Problem, path: LocalPoints, crossings: Mapping[int
         return path
     kept = sorted({0, len(path) - 1, *crossings.values()})
     margin = problem.min_clearance + STRAIGHT_MARGIN * problem.group.size
-    ways = [problem.lanes.shorten(path[begin : end + 1], RESOLUTION, margin) for begin, end in pairwise(kept)]
+    ways = [problem.batch.shorten(path[begin : end + 1], RESOLUTION, margin) for begin, end in pairwise(kept)]
     return np.concatenate([path[:1], *(way[1:] for way in ways)])
 
 

@@ -162,7 +162,7 @@ def find_quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:
             return
         if holding.swept and barred <= holding.time:
             continue
-        if among.lanes.touching(problem.z_start[None], problem.min_clearance)[0]:
+        if among.batch.touching(problem.z_start[None], problem.min_clearance)[0]:
             continue
         rng = np.random.default_rng([problem.seed, 5, draw])
         if among not in crossed:
@@ -183,7 +183,7 @@ def _reach_goal(
 ) -> PathSoFar | None:
     if found.failure is not None or goals is None:
         return found if found.failure is None else None
-    free = goals[~among.lanes.touching(goals, among.min_clearance)]
+    free = goals[~among.batch.touching(goals, among.min_clearance)]
     here = found.path[-1]
     near = np.array([among.group.unwrapped(goal, here) for goal in free])
     way = find_quickest_path(among, here, near, rng) if len(near) else None
@@ -218,7 +218,7 @@ def _places(among: Problem, rng: np.random.Generator) -> LocalPoints:
     noise = rng.normal(scale=WAYS.deviation, size=(half, group.nv)) * group.units
     anywhere = np.array([group.to_local(group.random(rng)) for _ in range(half)])
     drawn = np.clip(np.concatenate([among.z_start + noise, anywhere]), group.lower, group.upper)
-    free: LocalPoints = drawn[~among.lanes.touching(drawn, among.min_clearance)]
+    free: LocalPoints = drawn[~among.batch.touching(drawn, among.min_clearance)]
     return free
 
 

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import World
 from guidefield.geometry.surfaces import transform_points
@@ -213,9 +213,9 @@ class Slices:
             while len(self._kept) >= SCHEDULE.kept_slices:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = self._slice(*key)
-        lanes, clearance = self._kept[key]
+        batch, clearance = self._kept[key]
         self._problem.counters.collision_checks += len(zs)
-        return lanes.touching(zs, clearance)
+        return batch.touching(zs, clearance)
 
     def _slice(self, index: int, together: int) -> tuple[BatchCollision, float]:
         length, moving = together * self.length, index * together < self.resting_from

@@ -18,12 +18,12 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.deadline import Deadline
 from guidefield.kernels.collide.layout import LINE
 from guidefield.kernels.simd.packing import Words, pack
 from guidefield.kernels.simd.vector import LANES
-from guidefield.kernels.tree import nodes as lane_nodes, rrt_connect as kernel
+from guidefield.kernels.tree import nodes as tree_nodes, rrt_connect as kernel
 from guidefield.kernels.tree.constrained_connect import Strides, grow_within
 from guidefield.kernels.tree.informed_samples import Sampling
 from guidefield.kernels.tree.kd_buckets import buckets_for
@@ -162,7 +162,7 @@ class FoundPath(ReadOnly):
     # local coordinates (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none
     path: LocalPoints | None
     counters: np.ndarray
-    search: lane_nodes.TreeSearch
+    search: tree_nodes.TreeSearch
     units: np.ndarray  # what counts as one radian in each coordinate of their nodes, shape (nv,)
     # of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so
     enclosed: int | None = None
@@ -170,23 +170,23 @@ class FoundPath(ReadOnly):
     @property
     def iterations(self) -> int:
         """Samples drawn."""
-        return int(self.counters[lane_nodes.ITERATION])
+        return int(self.counters[tree_nodes.ITERATION])
 
     @property
     def motions(self) -> int:
         """Straight motions judged."""
-        return int(self.counters[lane_nodes.MOTIONS])
+        return int(self.counters[tree_nodes.MOTIONS])
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Configurations of both trees."""
-        first, second = self.counters[lane_nodes.SIZE : lane_nodes.SIZE + 2].tolist()
+        first, second = self.counters[tree_nodes.SIZE : tree_nodes.SIZE + 2].tolist()
         return first, second
 
     @property
     def tried(self) -> tuple[int, int]:
         """Extensions of both trees that were judged."""
-        first, second = self.counters[lane_nodes.TRIED : lane_nodes.TRIED + 2].tolist()
+        first, second = self.counters[tree_nodes.TRIED : tree_nodes.TRIED + 2].tolist()
         return first, second
 
     def trees(self) -> tuple[tuple[LocalPoints, np.ndarray], ...]:
@@ -196,7 +196,7 @@ class FoundPath(ReadOnly):
 
 
 def grow(
-    lanes: BatchCollision,
+    batch: BatchCollision,
     starts: LocalPoints,
     goals: LocalPoints,
     resolution: float,
@@ -218,7 +218,7 @@ def grow(
     Raises:
         ValueError: if a root hasn't as many coordinates as the robot.
     """
-    group, nv = lanes.world.group, lanes.world.group.nv
+    group, nv = batch.world.group, batch.world.group.nv
     if not starts.shape[1] == goals.shape[1] == nv:
         raise ValueError(f"roots of a tree have {nv} coordinates here, got {starts.shape[1]} and {goals.shape[1]}")
     kept_memory = _thread_memory(group, nv)
@@ -241,7 +241,7 @@ def grow(
     while True:
         checked = max(ITERATIONS_PER_CHECK, NODES_PER_CHECK // nodes) if frames is None else CONSTRAINED_PER_CHECK
         piece = 0 if deadline.expired() else min(checked, most_iterations)
-        words = lanes.words, sources.words, memory.words
+        words = batch.words, sources.words, memory.words
         if frames is None:
             motions = min(MOTIONS_PER_CHECK, most_motions - judged)
             ended = kernel.grow(*words, first, second, clearance, resolution, piece, motions, begins)
@@ -249,23 +249,23 @@ def grow(
             ended = grow_within(*words, frames, strides, first, second, piece, begins)
         if ended == kernel.MET:
             # samples are float32: rounding may take one beyond a limit
-            path = np.clip(memory.path[: counters[lane_nodes.ROWS]] * group.units, group.lower, group.upper)
+            path = np.clip(memory.path[: counters[tree_nodes.ROWS]] * group.units, group.lower, group.upper)
             return FoundPath(path, counters.copy(), memory.search, group.units)
-        begins, judged = False, int(counters[lane_nodes.MOTIONS])
-        nodes = int(counters[lane_nodes.SIZE : lane_nodes.SIZE + 2].max())
+        begins, judged = False, int(counters[tree_nodes.MOTIONS])
+        nodes = int(counters[tree_nodes.SIZE : tree_nodes.SIZE + 2].max())
         if ended == kernel.FULL:
             memory = memory.doubled()
-        tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= MOST_ROOTS_TRIED), None)
+        tried = next((tree for tree in suspected if counters[tree_nodes.TRIED + tree] >= MOST_ROOTS_TRIED), None)
         if tried is not None:
             suspected.remove(tried)
-            roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
-            if size == len(roots) and not can_escape(lanes, roots, clearance, resolution, rng):
+            roots, size = (starts, goals)[tried], counters[tree_nodes.SIZE + tried]
+            if size == len(roots) and not can_escape(batch, roots, clearance, resolution, rng):
                 return FoundPath(None, counters.copy(), memory.search, group.units, tried)
-        if piece == 0 or counters[lane_nodes.ITERATION] >= most_iterations or judged >= most_motions:
+        if piece == 0 or counters[tree_nodes.ITERATION] >= most_iterations or judged >= most_motions:
             return FoundPath(None, counters.copy(), memory.search, group.units)
 
 
-def held_by(search: lane_nodes.TreeSearch) -> tuple[np.ndarray, ...]:
+def held_by(search: tree_nodes.TreeSearch) -> tuple[np.ndarray, ...]:
     """Nodes, parents, domains and failures, tree by tree: shapes (2, nv, capacity) and (2, capacity) each."""
     nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
     return nodes, *(array.reshape(2, -1) for array in (search.parents, search.domains, search.failed))
@@ -281,7 +281,7 @@ def _zeros_on_cache_line(size: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _TreeMemory:
-    search: lane_nodes.TreeSearch
+    search: tree_nodes.TreeSearch
     words: Words
     path: LocalPoints  # where the path is written, shape (2 * capacity, nv)
 
@@ -292,7 +292,7 @@ class _TreeMemory:
             _zeros_on_cache_line((4 * nv + 3) * LANES), ends_of
         )
         # sixteen more: the nearest node is searched for sixteen at a time
-        search = lane_nodes.TreeSearch(
+        search = tree_nodes.TreeSearch(
             nv=nv,
             capacity=capacity,
             nodes=np.zeros(2 * nv * capacity + LANES, np.float32),
@@ -300,7 +300,7 @@ class _TreeMemory:
             domains=np.full(2 * capacity, np.inf, np.float32),
             failed=np.zeros(2 * capacity, np.int64),
             places=np.zeros(nv + 1),
-            counters=np.zeros(lane_nodes.COUNTERS, np.int64),
+            counters=np.zeros(tree_nodes.COUNTERS, np.int64),
             sample=np.zeros(nv, np.float32),
             target=np.zeros(nv, np.float32),
             origin=np.zeros(nv, np.float32),
@@ -318,12 +318,12 @@ class _TreeMemory:
             judged=judged,
             hits=np.full(3 * SIEVE, -1, np.int64),
             path=np.empty(2 * nv * capacity),
-            buckets=buckets_for(nv, capacity if capacity >= lane_nodes.LATE else 0),
+            buckets=buckets_for(nv, capacity if capacity >= tree_nodes.LATE else 0),
         )
         return cls.of(search)
 
     @classmethod
-    def of(cls, search: lane_nodes.TreeSearch) -> _TreeMemory:
+    def of(cls, search: tree_nodes.TreeSearch) -> _TreeMemory:
         return cls(search, pack(search), cast(LocalPoints, search.path.reshape(-1, search.nv)))
 
     def doubled(self) -> _TreeMemory:
@@ -361,18 +361,18 @@ def _thread_memory(group: PlanningGroup, nv: int) -> _ThreadMemory:
 
 
 def can_escape(
-    lanes: BatchCollision, roots: LocalPoints, clearance: float, resolution: float, rng: np.random.Generator
+    batch: BatchCollision, roots: LocalPoints, clearance: float, resolution: float, rng: np.random.Generator
 ) -> bool:
     """Return whether any of many short motions out of some free roots (k, nv) is free; see `grow`."""
-    group, along = lanes.world.group, np.eye(lanes.world.group.nv)
+    group, along = batch.world.group, np.eye(batch.world.group.nv)
     drawn = rng.normal(size=(ESCAPE_DIRECTIONS, group.nv))
     directions = np.concatenate([along, -along, drawn / np.linalg.norm(drawn, axis=1)[:, None]]) * group.sizes
     for root in roots:
         for length in ESCAPE_LENGTHS:
             ends = np.clip(root + length * directions, group.lower, group.upper)
             ends = ends[np.linalg.norm((ends - root) / group.sizes, axis=1) > 0.5 * length]
-            for end in ends[~lanes.touching(ends, clearance)]:
-                if lanes.free_until(np.array([root, end]), resolution, clearance):
+            for end in ends[~batch.touching(ends, clearance)]:
+                if batch.free_until(np.array([root, end]), resolution, clearance):
                     return True
     return False
 

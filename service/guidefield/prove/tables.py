@@ -13,8 +13,8 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.batch.scene_tables import balls_of_cloud, batch_scene
 from guidefield.collision.bodies import bodies, joint_placements, motion_bound
-from guidefield.collision.lanes.scene_tables import balls_of_cloud, lane_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.part_tables import BodyParts, PartsTable, robot_parts
 from guidefield.collision.world import World
@@ -281,7 +281,7 @@ def _obstacle_parts(scene: Scene) -> BodyParts:
 
 def parts_in_world(scene: Scene) -> BodyParts:
     """Build the convex parts of a scene's obstacles, relative to the world's origin."""
-    known = lane_scene(scene)
+    known = batch_scene(scene)
     roots, parts = known.roots, known.tables[1]
     clouds = [index for index in unplaced(scene) if scene.obstacles[index].cloud is not None]
     if clouds:

@@ -1,8 +1,8 @@
 """Point clouds: collision shapes are balls around their points, charges those of the surface that they were taken from.
 
-The tables of a cloud (`LaneCloud`, kernels/distance/point_tree.py) are made once: kernels hold their address, and write
-distances that they find into `cells`. Softening, neighbours and `_MOST_CHARGED` shape the field alone;
-`CELL`, `MOST_CELLS` and `AROUND_POINTS` cost time and memory.
+The tables of a cloud (`BatchCloud`, kernels/distance/point_tree.py) are made once: kernels hold their address, and
+write distances that they find into `cells`. Softening, neighbours and `_MOST_CHARGED` shape the field alone; `CELL`,
+ `MOST_CELLS` and `AROUND_POINTS` cost time and memory.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from guidefield.geometry import surfaces
 from guidefield.geometry.surfaces import Floats, box_about
 from guidefield.kernels.distance.bvh import fill_tree, sort_for_tree
-from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
+from guidefield.kernels.distance.point_tree import NUMBERS, BatchCloud
 from guidefield.kernels.simd.packing import AROUND, BLOCK, Words, pack
 from guidefield.kernels.simd.vector import LANES
 from guidefield.memo import memoized
@@ -84,7 +84,7 @@ AROUND_POINTS = 0.1  # how far the grid goes beyond the points [m]
 class CloudTables:
     """A cloud for kernels: tables, and the same packed, whose address is valid as long as the tables live."""
 
-    tables: LaneCloud
+    tables: BatchCloud
     words: Words
 
     @property
@@ -112,7 +112,7 @@ def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> Clo
     columns, rows, layers = counts.astype(int).tolist()
     numbers = np.empty(NUMBERS, np.float32)
     numbers[:] = [*(low - AROUND_POINTS + 0.5 * cell), cell, 1.0 / cell, *low, *high, radius]
-    tables = LaneCloud(
+    tables = BatchCloud(
         levels=len(firsts) - 1,
         columns=columns,
         rows=rows,

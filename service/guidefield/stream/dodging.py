@@ -13,7 +13,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.kernels.collide.parts import BALL_ROW
 from guidefield.kernels.stream.dodge import KeptClearances, Tube, find_schedule
 from guidefield.read_only import ReadOnly
@@ -124,18 +124,18 @@ class TimedPath:
 PROBE_STEP = 4e-3  # step of a coordinate for the differences of `pressure_slope` [rad, or m at size 1]
 
 
-def measure_pressures(lanes: BatchCollision, boxes: np.ndarray, zs: LocalPoints, near: float) -> np.ndarray:
+def measure_pressures(batch: BatchCollision, boxes: np.ndarray, zs: LocalPoints, near: float) -> np.ndarray:
     """Half the squares of what boxes (k, 16) lack of a distance `near`, summed, at points (n, nv): (n,) [m²]."""
-    lacks = np.maximum(near - lanes.gaps(boxes, zs, near), 0.0)
+    lacks = np.maximum(near - batch.gaps(boxes, zs, near), 0.0)
     surrounding: np.ndarray = 0.5 * (lacks * lacks).sum(axis=1)
     return surrounding
 
 
-def pressure_slope(lanes: BatchCollision, boxes: np.ndarray, z: LocalPoint, near: float) -> np.ndarray:
+def pressure_slope(batch: BatchCollision, boxes: np.ndarray, z: LocalPoint, near: float) -> np.ndarray:
     """The gradient of the pressure at local coordinates (nv,), shape (nv,): by differences, as distances have edges."""
-    steps = PROBE_STEP * lanes.world.group.sizes
+    steps = PROBE_STEP * batch.world.group.sizes
     probes = np.concatenate([z + np.diag(steps), z - np.diag(steps)])
-    above, below = measure_pressures(lanes, boxes, cast(LocalPoints, probes), near).reshape(2, -1)
+    above, below = measure_pressures(batch, boxes, cast(LocalPoints, probes), near).reshape(2, -1)
     slope: np.ndarray = (above - below) / (2.0 * steps)
     return slope
 
@@ -177,13 +177,13 @@ def draw_sides(count: int, speeds: np.ndarray) -> np.ndarray:
     return sides
 
 
-def choose_sides(lanes: BatchCollision, drifting: DriftingObstacles, way: TimedPath, drawn: np.ndarray) -> np.ndarray:
+def choose_sides(batch: BatchCollision, drifting: DriftingObstacles, way: TimedPath, drawn: np.ndarray) -> np.ndarray:
     """Choose sidesteps from a path: `drawn` (k, nv), back, and away from obstacles that come close; shape (d, nv)."""
-    back, speeds, near = way.at(0.0) - way.at(STREAM.back), way.speeds, STREAM.pressed * lanes.world.group.size
+    back, speeds, near = way.at(0.0) - way.at(STREAM.back), way.speeds, STREAM.pressed * batch.world.group.size
     directions = [back / speeds]
     for after, place in STREAM.sidesteps:
         boxes = drifting.after(after)
-        directions.append(-speeds * pressure_slope(lanes, boxes, way.at(place), near))
+        directions.append(-speeds * pressure_slope(batch, boxes, way.at(place), near))
     largest = [float(np.abs(one).max()) for one in directions]
     led = [STREAM.step * speeds * one / most for one, most in zip(directions, largest, strict=True) if most > 0.0]
     return np.concatenate([drawn, np.array(led).reshape(-1, len(speeds))])
@@ -208,7 +208,7 @@ def build_tube(
 
 
 def schedule_path(
-    lanes: BatchCollision, drifting: DriftingObstacles, kept: np.ndarray, tube: Tube, way: TimedPath, foreseen: int
+    batch: BatchCollision, drifting: DriftingObstacles, kept: np.ndarray, tube: Tube, way: TimedPath, foreseen: int
 ) -> ScheduledPath:
     """Find the cheapest timed path in a tube, with the rest of the path behind it.
 
@@ -216,11 +216,11 @@ def schedule_path(
         kept: Distances to keep from each obstacle on the move, while waiting, and at the end, shape (3, k) [m].
     """
     steps, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
-    boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(lanes.robot.bodies.cover) // BALL_ROW)
+    boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(batch.robot.bodies.cover) // BALL_ROW)
     width = STREAM.beside * STREAM.few * STREAM.plain // (boxes * balls)
-    size = lanes.world.group.size
+    size = batch.world.group.size
     wanted = read_only_views(KeptClearances(kept, STREAM.widening * size, STREAM.dear / size))
-    rows, cost = find_schedule(lanes.words, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
+    rows, cost = find_schedule(batch.words, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
     points, times = _along(way, tube, steps[:rows], reached[:rows])
     while len(points) > 2 and (points[-2] == points[-1]).all():
         points, times = points[:-1], times[:-1]

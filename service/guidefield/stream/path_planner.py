@@ -18,8 +18,8 @@ from typing import Protocol, TypeVar, cast
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.bodies import joint_placements
-from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import InvalidGoal, at_path
@@ -66,7 +66,7 @@ class PathPlanner:
         self._speeds = bounds.rates[:, 0].copy()
         self._lower, self._upper = bounds.lower, bounds.upper
         self._sides = draw_sides(STREAM.sides, self._speeds)
-        self.lanes = BatchCollision.build(world)
+        self.batch = BatchCollision.build(world)
         self._group, self._data, self._bound = group, lent_data(group, self), world.motion_bound
         self._bodies = world.bodies
         self._least, self._tolerance = least, tolerance
@@ -74,7 +74,7 @@ class PathPlanner:
 
     def gaps(self, boxes: np.ndarray, z: LocalPoint) -> np.ndarray:
         """Distances from boxes (k, 16) at coordinates z (nv,), shape (k,) [m], less `INSIDE`: these can be kept."""
-        kept: np.ndarray = self.lanes.gaps(boxes, z[None], FAR * self.size)[0] - INSIDE * self.size
+        kept: np.ndarray = self.batch.gaps(boxes, z[None], FAR * self.size)[0] - INSIDE * self.size
         return kept
 
     def is_goal_free(self, drifting: DriftingObstacles, z: LocalPoint) -> bool:
@@ -82,7 +82,7 @@ class PathPlanner:
         kept = STREAM.ending.from_each(drifting.rates, self.size) + drifting.margins
         most = max(FAR * self.size, float(kept.max(initial=0.0)) + INSIDE * self.size)
         soon = (drifting.boxes, drifting.after(STREAM.foreseen))
-        return all(bool((self.lanes.gaps(boxes, z[None], most) >= kept).all()) for boxes in soon)
+        return all(bool((self.batch.gaps(boxes, z[None], most) >= kept).all()) for boxes in soon)
 
     def choose_clearance(self, most: float, ends: list[LocalPoint]) -> float:
         """Choose the distance from obstacles at rest [m]: `most` beyond the least; less if an end (nv,) is closer.
@@ -92,7 +92,7 @@ class PathPlanner:
         zs, off = np.array(ends), self.bound_error(ends)
         beyond = [*(off + share * most * self.size for share in STREAM.closer), 0.0]
         kept = [self._least + one for one in beyond]
-        return next((one for one in kept if not self.lanes.touching(zs, one).any()), kept[-1])
+        return next((one for one in kept if not self.batch.touching(zs, one).any()), kept[-1])
 
     def bound_error(self, ends: list[LocalPoint]) -> float:
         """Bound the deviation of any point of the robot at some configurations (nv,) [m]."""
@@ -111,17 +111,17 @@ class PathPlanner:
 
     def find_free(self, zs: LocalPoints) -> np.ndarray:
         """Return which local coordinates (n, nv) keep `kept_at_goals`, and are free of self-contact, shape (n,)."""
-        return ~self.lanes.touching(zs, self.kept_at_goals)
+        return ~self.batch.touching(zs, self.kept_at_goals)
 
     def count_kept(self, z: LocalPoint) -> int:
         """Count the distances of `STREAM.leaving` that are kept at coordinates z (nv,), also from the robot itself."""
         kept = [self._least + one * self.size for one in STREAM.leaving]
-        return next((k for k, one in enumerate(kept) if self.lanes.touching(z[None], one).any()), len(kept))
+        return next((k for k, one in enumerate(kept) if self.batch.touching(z[None], one).any()), len(kept))
 
     def is_free(self, drifting: DriftingObstacles, kept: ClearanceRule, clearance: float, points: LocalPoints) -> bool:
         """Return whether a path (m, nv), straight from point to point, is free, by a clearance from what rests [m]."""
-        lanes = self._among(drifting, kept, points[0], points[-1])
-        return lanes.free_until(points, STREAM.resolution, clearance) == len(points) - 1
+        batch = self._among(drifting, kept, points[0], points[-1])
+        return batch.free_until(points, STREAM.resolution, clearance) == len(points) - 1
 
     def find_path(
         self, drifting: DriftingObstacles, kept: ClearanceRule, z0: LocalPoint, z1: LocalPoint, seed: int
@@ -131,16 +131,16 @@ class PathPlanner:
         Where a joint turns without end the path may end whole turns from z1.
         """
         ends, straight = [z0, z1], cast(LocalPoints, np.array([z0, z1]))
-        lanes, clearance = self._among(drifting, kept, z0, z1), self.choose_clearance(STREAM.resting, ends)
-        if lanes.free_until(straight, STREAM.resolution, clearance):
+        batch, clearance = self._among(drifting, kept, z0, z1), self.choose_clearance(STREAM.resting, ends)
+        if batch.free_until(straight, STREAM.resolution, clearance):
             return straight
         found = tree_search.grow(
-            lanes, straight[:1], straight[1:], STREAM.resolution, clearance, np.random.default_rng(seed), Deadline(),
+            batch, straight[:1], straight[1:], STREAM.resolution, clearance, np.random.default_rng(seed), Deadline(),
             most_motions=STREAM.motions,
         ).path  # fmt: skip
         if found is None:
             return None
-        way = lanes.shorten(found, STREAM.resolution, clearance, STREAM.cuts)
+        way = batch.shorten(found, STREAM.resolution, clearance, STREAM.cuts)
         way[0], way[-1] = z0, self._group.unwrapped(z1, way[-1])
         return way
 
@@ -154,21 +154,21 @@ class PathPlanner:
 
         def is_taken(zs: LocalPoints) -> np.ndarray:
             out = np.any((zs < self._lower) | (zs > self._upper), axis=1)
-            return np.asarray(out | self.lanes.touching(zs, clearance))
+            return np.asarray(out | self.batch.touching(zs, clearance))
 
         wanted, foreseen = drifting.margins + self.bound_error(ends), math.ceil(STREAM.arriving / STREAM.step)
         kinds = (STREAM.going, STREAM.waiting, STREAM.ending)
         kept = np.array([kept.from_each(drifting.rates, self.size) + wanted for kept in kinds])
-        sides = choose_sides(self.lanes, drifting, way, self._sides)
+        sides = choose_sides(self.batch, drifting, way, self._sides)
         tube = build_tube(way, sides, self._speeds, is_taken, foreseen)
-        return schedule_path(self.lanes, drifting, kept, tube, way, foreseen)
+        return schedule_path(self.batch, drifting, kept, tube, way, foreseen)
 
     def _among(
         self, drifting: DriftingObstacles, kept: ClearanceRule, z0: LocalPoint, z1: LocalPoint
     ) -> BatchCollision:
         """The robot among what rests, and what moves, on paths between two points (nv,)."""
         if not len(drifting.boxes):
-            return self.lanes
+            return self.batch
         boxes = np.empty((len(drifting.boxes), DRIFTING_BOX), np.float32)
         # the same rule as `then` in `meets_drifting` of kernels/collide/broadphase.py
         later = float(min(np.max(np.abs(z1 - z0) / self._speeds), STREAM.planned))
@@ -176,7 +176,7 @@ class PathPlanner:
         boxes[:, KEPT] = kept.from_each(drifting.rates, self.size) + drifting.margins + self.bound_error([z0, z1])
         boxes[:, KEPT_AT_START] = self.gaps(drifting.boxes, z0)
         boxes[:, KEPT_AT_GOAL] = self.gaps(drifting.after(later), z1)
-        return self.lanes.among(
+        return self.batch.among(
             DriftingBoxes(
                 size=len(boxes),
                 boxes=boxes.ravel(),

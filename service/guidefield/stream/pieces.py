@@ -147,7 +147,7 @@ class PieceFinder:
         then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
         places = (end, way.at(max(then, place)))
         near = STREAM.threat * self._group.size
-        return bool((measure_pressures(self._paths.lanes, boxes, np.array(places), near) > 0.0).all())
+        return bool((measure_pressures(self._paths.batch, boxes, np.array(places), near) > 0.0).all())
 
     def _flee(self, cycle: Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, LeadsTo] | None:
         """A proven piece away from what is predicted to come close, or None."""
@@ -155,13 +155,13 @@ class PieceFinder:
         if not len(boxes):
             return None
         near = STREAM.near * self._group.size
-        lanes = self._paths.lanes
-        before = float(measure_pressures(lanes, boxes, still.ends[None], near)[0])
+        batch = self._paths.batch
+        before = float(measure_pressures(batch, boxes, still.ends[None], near)[0])
         if before <= 0.0:
             return None
-        directions = draw_flights(pressure_slope(lanes, boxes, still.ends, near), self._speeds, self._rng)
+        directions = draw_flights(pressure_slope(batch, boxes, still.ends, near), self._speeds, self._rng)
         commits = [self._make_commit(cycle, state, velocities, None) for velocities in directions]
-        after = measure_pressures(lanes, boxes, np.array([one.ends for one in commits]), near).tolist()
+        after = measure_pressures(batch, boxes, np.array([one.ends for one in commits]), near).tolist()
         tried = [(now, k, one) for k, (now, one) in enumerate(zip(after, commits, strict=True)) if now < before]
         return self._choose_flight(cycle, tried, reserved=False)
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import coal
 import numpy as np
 
-from guidefield.collision.lanes.scene_tables import parts_of
+from guidefield.collision.batch.scene_tables import parts_of
 from guidefield.collision.obstacle_boxes import OwnBoxes, own_boxes
 from guidefield.collision.part_tables import PartsTable, tree_layout
 from guidefield.geometry.cache import allocate_in_memory

@@ -1,4 +1,4 @@
-"""Clouds in lanes against every point, and the fast judgement of motions against Coal."""
+"""Clouds in SIMD batches against every point, and the fast judgement of motions against Coal."""
 
 import numpy as np
 import pytest

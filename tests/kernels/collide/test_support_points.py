@@ -159,7 +159,7 @@ def _away(kind, row, points, out):
 
 @settings(max_examples=60)
 @given(data=st.data(), body=bodies())
-def test_in_lanes_a_primitive_reaches_no_farther_along_an_axis_than_is_said(data: Any, body: Body) -> None:
+def test_in_batches_a_primitive_reaches_no_farther_along_an_axis_than_is_said(data: Any, body: Body) -> None:
     kind = {"box": BOX, "cylinder": CYLINDER}.get(body.kind, CAPSULE)
     half, disc, ball = body.core
     row = np.array([*body.rotation.T.ravel(), 0.0, 0.0, 0.0, *half, disc + ball], np.float32)

@@ -1,7 +1,7 @@
 """Kernels of each kind, quick to compile: together they use all that is changed inside numba.
 
 Parts: such as are compiled into their callers, are optimised before that, don't count references, and do so again.
-Kernels: of Python's and of lanes, steps that only kernels call, and those of other files.
+Kernels: of Python's and of SIMD batches, steps that only kernels call, and those of other files.
 """
 
 from typing import Any, NamedTuple
@@ -27,15 +27,15 @@ from guidefield.kernels.jit.decorators import (
     compiled,
     counted,
     inlined,
-    lane_part,
-    lane_step,
     make_kernel as kernel,
     optimized,
     uncounted,
+    vector_part,
+    vector_step,
 )
 from guidefield.kernels.simd.packing import Words, pointers, unpacked
 from guidefield.kernels.simd.rotations import cosine_and_sine
-from guidefield.kernels.simd.vector import LANES, below, lanes_of, load, root, splat, store, total
+from guidefield.kernels.simd.vector import LANES, below, lane_count, load, root, splat, store, total
 from guidefield.kernels.timing.hermite import piece_peaks
 
 FLOATS_IN_OUT = types.Array(types.float32, 1, "C")
@@ -74,9 +74,9 @@ def _spread(weighted: Weighted) -> float:
 
 @optimized
 def _length(x: Any) -> float:
-    """The sum of square roots, in lanes: the number of values is a multiple of theirs."""
+    """The sum of square roots, by vectors: the number of values is a multiple of their lanes."""
     found = 0.0 * load(x, 0)
-    for i in range(0, x.shape[0], lanes_of(x)):
+    for i in range(0, x.shape[0], lane_count(x)):
         found = found + root(load(x, i) * load(x, i))
     return total(found)
 
@@ -105,12 +105,12 @@ class Turning(NamedTuple):
 turning_of = unpacked(types.NamedTuple([FLOATS, FLOATS_IN_OUT, types.int64], Turning))
 
 
-@lane_part
+@vector_part
 def _doubled(lanes: Any) -> Any:
     return lanes + lanes
 
 
-@lane_step(types.int64(FLOAT_POINTER, FLOAT_POINTER, types.int64))
+@vector_step(types.int64(FLOAT_POINTER, FLOAT_POINTER, types.int64))
 def _turned(angles: Any, cosines_out: Any, row: int) -> int:
     c, s = cosine_and_sine(_doubled(load(angles, row * LANES)))
     store(cosines_out, row * LANES, c)

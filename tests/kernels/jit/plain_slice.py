@@ -14,7 +14,7 @@ from guidefield.kernels.simd.packing import pack
 
 
 def results() -> dict[str, np.ndarray]:
-    """By name; masks are whole numbers, what lanes return is in single precision."""
+    """By name; masks are whole numbers, what vectors return is in single precision."""
     from guidefield.kernels.timing.hermite import piece_peaks
     from tests.kernels.jit.mechanisms import Turning, Weighted, fastest, sums, turned
 

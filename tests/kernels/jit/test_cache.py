@@ -155,7 +155,7 @@ def test_a_number_in_forward_kinematics_is_no_reason_to_compile_everything() -> 
     sources = Sources(Path(kernels.__file__).parent, "guidefield.kernels")
     for file, name in (
         ("kinematics.forward_kinematics", "joint_placements"),
-        ("kinematics.batch_forward_kinematics", "lane_placements"),
+        ("kinematics.batch_forward_kinematics", "batch_placements"),
     ):
         again = [one for one in sources.names if (file, name) in sources._needed(one)]
         assert file in again

@@ -19,7 +19,7 @@ HOUSE = Path(__file__).parents[3]
 
 CHANGES = {"guidefield.kernels.jit.patched_compiler"}  # the files that change numba
 
-MAKERS = {"compiled", "exact_kernel", "lane_kernel", "lane_step", "kernel", "inner_kernel"}  # decorators of kernels
+MAKERS = {"compiled", "exact_kernel", "vector_kernel", "vector_step", "kernel", "inner_kernel"}  # decorators of kernels
 
 OFFERED = {
     "numba", "numba.extending", "llvmlite.ir",

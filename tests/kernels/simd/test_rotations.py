@@ -1,4 +1,4 @@
-"""Angles and rotations in lanes, against NumPy's functions and Pinocchio's exponential and logarithm."""
+"""Angles and rotations of SIMD batches, against NumPy's functions and Pinocchio's exponential and logarithm."""
 
 import numpy as np
 import pinocchio as pin

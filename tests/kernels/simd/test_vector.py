@@ -16,7 +16,7 @@ from guidefield.kernels.simd.vector import (
     first_lane,
     inverse_root,
     lane,
-    lanes_of,
+    lane_count,
     largest_lane,
     largest_of,
     load,
@@ -114,7 +114,7 @@ PRECISIONS = pytest.mark.parametrize("kind", [np.float32, np.float64])
 
 @njit
 def inverse_roots(x: Any, out: Any) -> None:
-    for i in range(0, x.shape[0], lanes_of(x)):
+    for i in range(0, x.shape[0], lane_count(x)):
         store(out, i, inverse_root(load(x, i)))
 
 

@@ -10,13 +10,13 @@ from guidefield.kernels.jit.arrays import FLOATS, INDICES, VECTOR_OUT, Floats, F
 from guidefield.kernels.jit.decorators import make_kernel as kernel
 from guidefield.kernels.simd.packing import Words, pack, pointers
 from guidefield.kernels.simd.vector import LANES
-from guidefield.kernels.tree import nodes as lane_nodes
+from guidefield.kernels.tree import nodes as tree_nodes
 from guidefield.kernels.tree.informed_samples import NEAR, Sampling, Way, next_samples, pass_samples, sampling_of
 from guidefield.kernels.tree.kd_buckets import BUCKET, KNOWN, STATE
 from guidefield.kernels.tree.rrt_connect import SIEVE
 from guidefield.planner.tree_search import _TreeMemory, held_by
-from tests.collision.lanes.test_lanes import draw, world_of
-from tests.kernels.collide.lane_callers import hits_of_configurations, nearest_nodes, nearest_nodes_of_samples
+from tests.collision.batch.test_batch_collision import draw, world_of
+from tests.kernels.collide.batch_callers import hits_of_configurations, nearest_nodes, nearest_nodes_of_samples
 
 
 @kernel(void(INDICES, VECTOR_OUT, FLOATS, types.float64, int64, types.Array(types.float32, 2, "C")))
@@ -141,12 +141,12 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
     room, sampling = _TreeMemory.build(5, 8192), box_about(wraps)
     for tree, points in enumerate(roots):
         held_by(room.search)[0][tree, :, : len(points)] = points.T
-    room.search.counters[lane_nodes.SIZE] = len(roots[0])
+    room.search.counters[tree_nodes.SIZE] = len(roots[0])
     targets = np.concatenate([spread("even", 204, rng), roots[1][:100]]).astype(np.float32)
     nodes = np.zeros(len(targets), np.int64)
     state, search, words = room.search.buckets.state, room.words, pack(sampling)
     for size in (1500, 1600, 5000):  # some in buckets, some not; then more
-        room.search.counters[lane_nodes.SIZE + 1] = size
+        room.search.counters[tree_nodes.SIZE + 1] = size
         for tree, points in ((0, roots[0]), (1, roots[1][:size])):
             least = apart(points[None], targets[:, None], wraps).min(axis=1)
             for asked in (nearest_nodes, nearest_nodes_of_samples):
@@ -154,7 +154,7 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
                 asked(search, words, tree, targets, nodes)
                 np.testing.assert_allclose(apart(points[nodes], targets, wraps), least, atol=1e-5)
         assert state[KNOWN] == 0
-        assert size - state[STATE + KNOWN] < lane_nodes.LATE
+        assert size - state[STATE + KNOWN] < tree_nodes.LATE
     buckets = room.search.buckets
     filled, members = buckets.filled[buckets.n :], buckets.members[buckets.n * BUCKET :].reshape(-1, BUCKET)
     held = [members[i, : filled[i]] for i in range(state[STATE + 1])]
@@ -163,10 +163,10 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
 
 def test_memory_for_as_many_nodes_as_are_examined_one_by_one_has_buckets() -> None:
     """512 goals under path constraints make such a tree, and it may be full."""
-    rng, size = np.random.default_rng(0), lane_nodes.LATE
+    rng, size = np.random.default_rng(0), tree_nodes.LATE
     room, points = _TreeMemory.build(5, size), spread("even", size, rng).astype(np.float32)
     held_by(room.search)[0][0, :, :size] = points.T
-    room.search.counters[lane_nodes.SIZE] = size
+    room.search.counters[tree_nodes.SIZE] = size
     targets, nodes = spread("even", 50, rng).astype(np.float32), np.zeros(50, np.int64)
     assert len(room.search.buckets.filled) > 0
     sampling = box_about(0.0 * WRAPS)
@@ -177,12 +177,12 @@ def test_memory_for_as_many_nodes_as_are_examined_one_by_one_has_buckets() -> No
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 @pytest.mark.parametrize("clearance", [0.0, 0.02])
 def test_what_is_hit_touches(robot: str, clearance: float) -> None:
-    world, lanes = world_of(robot, "zoo")
+    world, batch = world_of(robot, "zoo")
     hits, seen, missed = np.full(3 * SIEVE, -1, np.int64), 0, 0
     zs = draw(world.group, 640, 3)
-    touching = lanes.touching(zs, clearance)
+    touching = batch.touching(zs, clearance)
     for block, touches in zip(zs.reshape(-1, LANES, zs.shape[1]), touching.reshape(-1, LANES), strict=True):
-        mask = hits_of_configurations(lanes.words, clearance, block.T.astype(np.float32).ravel(), hits)
+        mask = hits_of_configurations(batch.words, clearance, block.T.astype(np.float32).ravel(), hits)
         hit = np.array([mask >> k & 1 for k in range(LANES)], bool)
         assert not (hit & ~touches).any()
         for z in block[hit][:2]:

@@ -86,7 +86,7 @@ import numpy as np
 
 from guidefield.prove.certificate import certify, motion_free
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.world import World
 from guidefield.planner.motion.timing import PathCurve
 from guidefield.planner.motion.trajectory import Trajectory

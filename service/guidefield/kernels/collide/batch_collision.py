@@ -34,7 +34,7 @@ from guidefield.kernels.collide.layout import (
     MASK,
     OBSTACLE,
     WORLD,
-    LaneWorld,
+    BatchWorld,
     carriers_of,
     pair_of,
     pairs_of,
@@ -46,13 +46,13 @@ from guidefield.kernels.collide.obstacle_narrowphase import forget_axes, left_of
 from guidefield.kernels.collide.parts import ball_centre, ball_radius, balls_meet
 from guidefield.kernels.collide.self_narrowphase import left_of_cells, pair_meets
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, Indices, Integers, SingleRows, TruthsOut
-from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
+from guidefield.kernels.jit.decorators import vector_kernel, vector_part, vector_step
+from guidefield.kernels.kinematics.batch_forward_kinematics import batch_placements
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import ALL_LANES, LANES, below, first_lane, load, splat, store
 
 
-@lane_part
+@vector_part
 def _put_first(hits: Integers, body: int, o: int, ball: int, last: int) -> None:
     """Move the hits before one of them on to its place, and put another in front."""
     for k in range(HIT * last + HIT - 1, HIT - 1, -1):
@@ -60,8 +60,8 @@ def _put_first(hits: Integers, body: int, o: int, ball: int, last: int) -> None:
     hits[BODY], hits[OBSTACLE], hits[BALL] = body, o, ball
 
 
-@lane_part
-def _meets_again(world: LaneWorld, clearance: float) -> bool:
+@vector_part
+def _meets_again(world: BatchWorld, clearance: float) -> bool:
     """Tell if one of the inner balls that met an obstacle lately meets the same again."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, hits = scratch.poses, bodies.inner, scratch.hits
@@ -76,8 +76,8 @@ def _meets_again(world: LaneWorld, clearance: float) -> bool:
     return False
 
 
-@lane_part
-def _meets_inside(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> bool:
+@vector_part
+def _meets_inside(world: BatchWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> bool:
     """`_inner_meets` where it is known whether the obstacle is a cloud."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
@@ -89,8 +89,8 @@ def _meets_inside(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, 
     return False
 
 
-@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
-def _inner_meets(world: LaneWorld, body: int, o: int, near: int, clearance: float) -> bool:
+@vector_step(boolean(WORLD, int64, int64, int64, types.float64))
+def _inner_meets(world: BatchWorld, body: int, o: int, near: int, clearance: float) -> bool:
     """Tell if a ball inside a body meets an obstacle in any of some lanes."""
     obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
@@ -98,8 +98,8 @@ def _inner_meets(world: LaneWorld, body: int, o: int, near: int, clearance: floa
     return bool(_meets_inside(world, False, body, o, near, clearance))
 
 
-@lane_part
-def _list_near_obstacles(world: LaneWorld, clearance: float, likely: bool) -> int:
+@vector_part
+def _list_near_obstacles(world: BatchWorld, clearance: float, likely: bool) -> int:
     """Write pairs of body and obstacle whose bounding balls meet; how many, -1 if an inner ball is in an obstacle."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, centres, found, bounds, n = scratch.poses, scratch.centres, scratch.found, bodies.bounds, obstacles.size
@@ -136,8 +136,8 @@ def _list_near_obstacles(world: LaneWorld, clearance: float, likely: bool) -> in
     return count
 
 
-@lane_part
-def _meets_by_cover(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> int:
+@vector_part
+def _meets_by_cover(world: BatchWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> int:
     """`_cover_meets` where it is known whether the obstacle is a cloud."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, joint, covers = scratch.poses, bodies.joints[body], bodies.covers
@@ -156,8 +156,8 @@ def _meets_by_cover(world: LaneWorld, cloudy: bool, body: int, o: int, near: int
     return int(mask)
 
 
-@lane_step(int64(WORLD, int64, int64, int64, types.float64))
-def _cover_meets(world: LaneWorld, body: int, o: int, near: int, clearance: float) -> int:
+@vector_step(int64(WORLD, int64, int64, int64, types.float64))
+def _cover_meets(world: BatchWorld, body: int, o: int, near: int, clearance: float) -> int:
     """The lanes of some where a ball of a body's cover meets an obstacle."""
     obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
@@ -165,8 +165,8 @@ def _cover_meets(world: LaneWorld, body: int, o: int, near: int, clearance: floa
     return int(_meets_by_cover(world, False, body, o, near, clearance))
 
 
-@lane_part
-def _keep_undecided(world: LaneWorld, clearance: float, count: int) -> int:
+@vector_part
+def _keep_undecided(world: BatchWorld, clearance: float, count: int) -> int:
     """Keep of `count` near pairs those that the bodies' covers can't tell apart; how many."""
     scratch = world.scratch
     found, kept = scratch.found, 0
@@ -179,8 +179,8 @@ def _keep_undecided(world: LaneWorld, clearance: float, count: int) -> int:
     return kept
 
 
-@lane_part
-def _add_near_pairs(world: LaneWorld, count: int) -> int:
+@vector_part
+def _add_near_pairs(world: BatchWorld, count: int) -> int:
     """Add the robot's own near pairs to the `count` found before; how many, or -1 if cells say that some touch."""
     bodies, scratch = world.bodies, world.scratch
     coordinates = world.block
@@ -208,8 +208,8 @@ def _add_near_pairs(world: LaneWorld, count: int) -> int:
     return count
 
 
-@lane_step(boolean(WORLD, types.float64, boolean))
-def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
+@vector_step(boolean(WORLD, types.float64, boolean))
+def block_touches(world: BatchWorld, clearance: float, likely: bool) -> bool:
     """Tell if the robot touches an obstacle or itself at any of the sixteen configurations of a world's block.
 
     It keeps `clearance` from obstacles [m], >= 0. If a contact is `likely`, inner balls are tried first: they find one
@@ -218,7 +218,7 @@ def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
     joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
     coordinates = world.block
     found = scratch.found
-    lane_placements(joints, coordinates, scratch.poses)
+    batch_placements(joints, coordinates, scratch.poses)
     if likely and _meets_again(world, clearance):
         return True
     place_carriers(bodies, scratch)
@@ -243,13 +243,13 @@ def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
 
 FRACTIONS = np.arange(1, LANES + 1, dtype=np.float32)
 FRACTIONS.setflags(write=False)
-"""1 to 16, the first of `LaneWorld.fractions`: `motion_free` makes the samples' places on a motion of them."""
+"""1 to 16, the first of `BatchWorld.fractions`: `motion_free` makes the samples' places on a motion of them."""
 
 EXACT = 1e-3  # share of a block of samples that may be missing, for rounding to float32; with more, samples are sparser
 
 
-@lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))
-def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, resolution: float) -> bool:
+@vector_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))
+def motion_free(world: BatchWorld, clearance: float, z0: Floats32, z1: Floats32, resolution: float) -> bool:
     """Tell if no sample of the straight motion between local coordinates (nv,) touches.
 
     The first isn't tested, the last is. With b blocks of sixteen, block k tests the places (b i - k) / (16 b), i
@@ -270,8 +270,8 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
     return True
 
 
-@lane_step(void(WORLD))
-def forget(world: LaneWorld) -> None:
+@vector_step(void(WORLD))
+def forget(world: BatchWorld) -> None:
     """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
     scratch = world.scratch
     forget_axes(scratch.obstacle_axes, scratch.obstacle_places)
@@ -280,13 +280,13 @@ def forget(world: LaneWorld) -> None:
         scratch.hits[k] = -1
 
 
-@lane_kernel
+@vector_kernel
 def touching_configurations(
     words: Indices, clearance: float, configurations: SingleRows, touching_out: TruthsOut
 ) -> None:
     """Write which local coordinates (n, nv) [rad or m] touch, (n,): sixteen at once, and one by one where any does.
 
-    `words` are a packed `LaneWorld`; `clearance` is kept from obstacles [m].
+    `words` are a packed `BatchWorld`; `clearance` is kept from obstacles [m].
     """
     world, count = world_of(pointers(words)), configurations.shape[0]
     for begin in range(0, count, LANES):
@@ -304,7 +304,7 @@ def touching_configurations(
             touching_out[i] = block_touches(world, clearance, True)
 
 
-@lane_kernel
+@vector_kernel
 def path_free_until(words: Indices, clearance: float, path: SingleRows, resolution: float) -> int:
     """Return how many of the straight motions along a path (n, nv) are free before the first that is not.
 

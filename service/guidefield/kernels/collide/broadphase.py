@@ -38,9 +38,9 @@ from guidefield.kernels.collide.layout import (
     VELOCITY,
     WIDENING,
     WORLD,
-    LaneBodies,
-    LaneObstacles,
-    LaneWorld,
+    BatchBodies,
+    BatchObstacles,
+    BatchWorld,
     Scratch,
     world_of,
 )
@@ -53,15 +53,15 @@ from guidefield.kernels.distance.point_tree import (
     LOW,
     PER_LENGTH,
     RADIUS,
-    LaneCloud,
+    BatchCloud,
     cloud_of,
     nearest_distance,
     next_block,
     words_at,
 )
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, Indices, SingleRows
-from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
+from guidefield.kernels.jit.decorators import vector_kernel, vector_part, vector_step
+from guidefield.kernels.kinematics.batch_forward_kinematics import batch_placements
 from guidefield.kernels.simd.packing import AROUND, BLOCK, pointers, points_at
 from guidefield.kernels.simd.vector import (
     LANES,
@@ -99,8 +99,8 @@ def _gather(typing: Any, pointer: Any, places: Any) -> Any:
     return f32x16(FLOAT_POINTER, f32x16), generate
 
 
-@lane_step(boolean(CLOUD_TABLES, f32x16, f32x16, f32x16, f32x16, int64))
-def _fill_cells(cloud: LaneCloud, places: Vector, x: Vector, y: Vector, z: Vector, lanes: int) -> bool:
+@vector_step(boolean(CLOUD_TABLES, f32x16, f32x16, f32x16, f32x16, int64))
+def _fill_cells(cloud: BatchCloud, places: Vector, x: Vector, y: Vector, z: Vector, lanes: int) -> bool:
     """Fill the cells of some lanes, by their places and middles; 0 says that a cell is empty, so that none gets it."""
     while lanes:
         k = first_lane(lanes)
@@ -110,8 +110,8 @@ def _fill_cells(cloud: LaneCloud, places: Vector, x: Vector, y: Vector, z: Vecto
     return True
 
 
-@lane_step(int64(CLOUD_TABLES, f32x16, f32x16, f32x16, float64, int64))
-def cloud_near(cloud: LaneCloud, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
+@vector_step(int64(CLOUD_TABLES, f32x16, f32x16, f32x16, float64, int64))
+def cloud_near(cloud: BatchCloud, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
     """Return the mask of points, of those in some lanes, closer than `reach` to a ball of the cloud [m]."""
     numbers, cells, zero = cloud.numbers, cloud.cells, splat(0.0)
     reach += numbers[RADIUS]
@@ -143,15 +143,15 @@ def cloud_near(cloud: LaneCloud, x: Vector, y: Vector, z: Vector, reach: float, 
     return int(near)
 
 
-@lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))
-def _near_cloud(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
+@vector_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))
+def _near_cloud(obstacles: BatchObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
     """`near_obstacle` of a cloud: a function of its own, while the others are inlined as a few instructions."""
     return int(cloud_near(cloud_of(words_at(obstacles.clouds[o])), x, y, z, reach, lanes))
 
 
-@lane_part
+@vector_part
 def near_obstacle_of(
-    cloudy: bool, obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int
+    cloudy: bool, obstacles: BatchObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int
 ) -> int:
     """`near_obstacle` where it is known whether the obstacle is a cloud: a loop that can't meet one needs no call."""
     if cloudy:
@@ -159,15 +159,15 @@ def near_obstacle_of(
     return int(near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
 
 
-@lane_part
-def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
+@vector_part
+def near_obstacle(obstacles: BatchObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
     """Mask of the points, of those in some lanes at least, closer to an obstacle's primitive than `reach`."""
     return int(near_obstacle_of(obstacles.kinds[o] == CLOUD, obstacles, o, x, y, z, reach, lanes))
 
 
-@lane_step(void(BODIES, SCRATCH_MEMORY))
-def place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
-    """Write the centres of the balls about carriers (`LaneBodies`) where the scratch's poses place them."""
+@vector_step(void(BODIES, SCRATCH_MEMORY))
+def place_carriers(bodies: BatchBodies, scratch: Scratch) -> None:
+    """Write the centres of the balls about carriers (`BatchBodies`) where the scratch's poses place them."""
     poses, around, carrying, centres = scratch.poses, bodies.around, bodies.carrying, scratch.centres
     for c in range(bodies.carriers):
         x, y, z = ball_centre(poses, carrying[c], around, c)
@@ -176,13 +176,13 @@ def place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
         store(centres, c * BLOCK + 2 * LANES, z)
 
 
-@lane_part
+@vector_part
 def carrier_centre(centres: Floats32, c: int) -> tuple[Vector, Vector, Vector]:
     """The centre of the ball about a carrier, of those that `place_carriers` wrote, shape (m * BLOCK,)."""
     return points_at(centres, c * BLOCK)
 
 
-@lane_part
+@vector_part
 def boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
     """Mask of the sixteen obstacles whose boxes, shape (AROUND * blocks,), come near the box about all lanes' balls."""
     low_x, low_y, low_z = points_at(boxes, block * AROUND)
@@ -196,7 +196,7 @@ def boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, rea
     return int(near)
 
 
-@lane_part
+@vector_part
 def _gap(boxes: Floats32, at: int, x: Vector, y: Vector, z: Vector) -> Vector:
     """Signed distance of points, as seen from its centre, from a rounded box whose numbers begin there [m]."""
     u = magnitude(boxes[at] * x + boxes[at + 4] * y + boxes[at + 8] * z) - boxes[at + HALF_SIDES]
@@ -208,9 +208,9 @@ def _gap(boxes: Floats32, at: int, x: Vector, y: Vector, z: Vector) -> Vector:
     return root(a * a + b * b + c * c) + inside - boxes[at + ROUNDING]
 
 
-@lane_step(f32x16(BODIES, SCRATCH_MEMORY, FLOAT_POINTER, int64, f32x16, f32x16, f32x16, f32x16))
+@vector_step(f32x16(BODIES, SCRATCH_MEMORY, FLOAT_POINTER, int64, f32x16, f32x16, f32x16, f32x16))
 def _gap_of_robot(
-    bodies: LaneBodies, scratch: Scratch, boxes: Floats32, at: int, x: Vector, y: Vector, z: Vector, most: Vector
+    bodies: BatchBodies, scratch: Scratch, boxes: Floats32, at: int, x: Vector, y: Vector, z: Vector, most: Vector
 ) -> Vector:
     """Signed distance of the robot, as it is placed, from a rounded box with centres (x, y, z), `most` at most [m]."""
     poses, least = scratch.poses, most
@@ -239,8 +239,8 @@ def _gap_of_robot(
     return least
 
 
-@lane_step(boolean(WORLD))
-def meets_drifting(world: LaneWorld) -> bool:
+@vector_step(boolean(WORLD))
+def meets_drifting(world: BatchWorld) -> bool:
     """Tell if the robot, placed at the sixteen configurations of a world's block, is too close to a drifting box."""
     drifting, boxes, first, last = world.drifting, world.drifting.boxes, splat(0.0), splat(0.0)
     for j in range(world.nv):
@@ -265,20 +265,20 @@ def meets_drifting(world: LaneWorld) -> bool:
     return False
 
 
-@lane_kernel
+@vector_kernel
 def write_gaps(
     words: Indices, boxes: SingleRows, most: float, configurations: SingleRows, gaps_out: SingleRows
 ) -> None:
     """Write how far the robot is from boxes (k, `ROUNDED_BOX`) at coordinates (n, nv), at most `most`, (n, k) [m].
 
-    It may be nearer by what its bounding spheres reach beyond its links. `words` are a packed `LaneWorld`.
+    It may be nearer by what its bounding spheres reach beyond its links. `words` are a packed `BatchWorld`.
     """
     world, count, numbers = world_of(pointers(words)), configurations.shape[0], pointers(boxes.reshape(-1))
     for begin in range(0, count, LANES):
         for j in range(world.nv):
             for k in range(LANES):
                 world.block[j * LANES + k] = configurations[min(begin + k, count - 1), j]
-        lane_placements(world.joints, world.block, world.scratch.poses)
+        batch_placements(world.joints, world.block, world.scratch.poses)
         place_carriers(world.bodies, world.scratch)
         for box in range(boxes.shape[0]):
             at = box * ROUNDED_BOX

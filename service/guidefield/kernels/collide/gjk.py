@@ -50,7 +50,7 @@ from guidefield.kernels.collide.parts import (
 )
 from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
 from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats, Floats32, Integers
-from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_part, vector_step
 from guidefield.kernels.linalg.small_systems import unit_in_plane
 from guidefield.kernels.simd.packing import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, select, splat
@@ -84,12 +84,12 @@ NODE_A, NODE_B, LEAST, ENTRY = range(4)
 many there are."""
 
 
-@lane_part
+@vector_part
 def _nearest_point(w: Floats) -> tuple[float, float, float]:
     return w[NEAREST], w[NEAREST + 1], w[NEAREST + 2]
 
 
-@lane_part
+@vector_part
 def _has_point(w: Floats, count: int, x: float, y: float, z: float) -> bool:
     found = False
     for at in range(0, count * POINT, POINT):
@@ -97,18 +97,18 @@ def _has_point(w: Floats, count: int, x: float, y: float, z: float) -> bool:
     return found
 
 
-@lane_part
+@vector_part
 def _dot(w: Floats, i: int, j: int) -> float:
     return float(w[i] * w[j] + w[i + 1] * w[j + 1] + w[i + 2] * w[j + 2])
 
 
-@lane_part
+@vector_part
 def _copy(w: Floats, source: int, target: int) -> None:
     for k in range(POINT):
         w[target + k] = w[source + k]
 
 
-@lane_part
+@vector_part
 def _mix(w: Floats, a: int, b: int, c: int, s: float, t: float) -> None:
     """Write a + s (b - a) + t (c - a) as the nearest point."""
     for k in range(POINT):
@@ -116,7 +116,7 @@ def _mix(w: Floats, a: int, b: int, c: int, s: float, t: float) -> None:
         w[NEAREST + k] = base + s * (w[b + k] - base) + t * (w[c + k] - base)
 
 
-@lane_part
+@vector_part
 def _on_segment(w: Floats, a: int, b: int) -> int:
     """Nearest point of a segment; which of (a, b) span it, as bits."""
     ab = _dot(w, a, b) - _dot(w, a, a)
@@ -132,7 +132,7 @@ def _on_segment(w: Floats, a: int, b: int) -> int:
     return 3
 
 
-@lane_step(int64(DOUBLE_POINTER, int64, int64, int64))
+@vector_step(int64(DOUBLE_POINTER, int64, int64, int64))
 def _on_triangle(w: Floats, a: int, b: int, c: int) -> int:  # noqa: PLR0911  one for each region of the plane
     """Nearest point of a triangle; which of (a, b, c) span it, as bits."""
     aa, bb, cc = _dot(w, a, a), _dot(w, b, b), _dot(w, c, c)
@@ -165,7 +165,7 @@ def _on_triangle(w: Floats, a: int, b: int, c: int) -> int:  # noqa: PLR0911  on
     return 7
 
 
-@lane_step(boolean(DOUBLE_POINTER, int64, int64, int64, int64))
+@vector_step(boolean(DOUBLE_POINTER, int64, int64, int64, int64))
 def _outside(w: Floats, a: int, b: int, c: int, d: int) -> bool:
     """Tell if the plane through (a, b, c) has the origin and d on different sides, or either on it."""
     ax, ay, az = w[a], w[a + 1], w[a + 2]
@@ -177,7 +177,7 @@ def _outside(w: Floats, a: int, b: int, c: int, d: int) -> bool:
     return bool(origin * other <= 0.0)
 
 
-@lane_part
+@vector_part
 def _on_tetrahedron(w: Floats) -> int:
     """Nearest point of a tetrahedron; which of its four points span it, as bits."""
     best, kept = 1e300, 15
@@ -202,7 +202,7 @@ def _on_tetrahedron(w: Floats) -> int:
     return kept
 
 
-@lane_step(int64(DOUBLE_POINTER, int64))
+@vector_step(int64(DOUBLE_POINTER, int64))
 def _reduce(w: Floats, count: int) -> int:
     """Reduce a simplex of `count` points; how many are left."""
     bits = 1
@@ -223,32 +223,32 @@ def _reduce(w: Floats, count: int) -> int:
     return kept
 
 
-@lane_part
+@vector_part
 def axis_in(work: Floats) -> tuple[float, float, float]:
     """The last separating axis in the scratch space, shape (WORK,); all 0 if there is none."""
     return work[AXIS], work[AXIS + 1], work[AXIS + 2]
 
 
-@lane_part
+@vector_part
 def axis_length(work: Floats) -> float:
     """Length of the axis in the scratch space, shape (WORK,)."""
     return math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2)
 
 
-@lane_part
+@vector_part
 def write_axis(work: Floats, x: float, y: float, z: float) -> None:
     """Write the axis that the next search in the scratch space, shape (WORK,), begins with."""
     work[AXIS], work[AXIS + 1], work[AXIS + 2] = x, y, z
 
 
-@lane_part
+@vector_part
 def divide_axis(work: Floats, length: float) -> None:
     """Divide the axis in the scratch space, shape (WORK,), by a length."""
     for k in range(AXIS, AXIS + 3):
         work[k] /= length
 
 
-@lane_part
+@vector_part
 def origins_apart(work: Floats) -> float:
     """Return how far apart the origins of the two poses in the scratch space, shape (WORK,), are, squared [m^2]."""
     x = work[POSE_A + X] - work[POSE_B + X]
@@ -257,7 +257,7 @@ def origins_apart(work: Floats) -> float:
     return float(x * x + y * y + z * z)
 
 
-@lane_part
+@vector_part
 def _farthest_vertex(
     vertices: Floats32, first: int, blocks: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
@@ -274,7 +274,7 @@ def _farthest_vertex(
     return float(u), float(v), float(w)
 
 
-@lane_part
+@vector_part
 def _farthest_corner(numbers: Floats, at: int, x: float, y: float, z: float) -> int:
     """Place of the triangle's corner farthest along a direction: 0, 3 or 6."""
     farthest, best = 0, numbers[at] * x + numbers[at + 1] * y + numbers[at + 2] * z
@@ -285,7 +285,7 @@ def _farthest_corner(numbers: Floats, at: int, x: float, y: float, z: float) -> 
     return farthest
 
 
-@lane_part
+@vector_part
 def support(
     shapes: Integers,
     numbers: Floats,
@@ -325,7 +325,7 @@ def support(
     )
 
 
-@lane_part
+@vector_part
 def over_plane(a: Parts, part_a: int, b: Parts, part_b: int, work: Floats) -> float:
     """Return how far a part, without what rounds it, is over a half-space's plane [m]; the normal becomes the axis.
 
@@ -338,7 +338,7 @@ def over_plane(a: Parts, part_a: int, b: Parts, part_b: int, work: Floats) -> fl
     return float(nx * px + ny * py + nz * pz - b.numbers[at + PLANE_OFFSET])
 
 
-@lane_step(types.float64(*(POINTED_PARTS, int64) * 2, *(types.float64,) * 3, int64, DOUBLE_POINTER))
+@vector_step(types.float64(*(POINTED_PARTS, int64) * 2, *(types.float64,) * 3, int64, DOUBLE_POINTER))
 def parts_distance(
     a: Parts, part_a: int, b: Parts, part_b: int, rounding: float, least: float, most: float, rounds: int, work: Floats
 ) -> float:
@@ -392,7 +392,7 @@ def parts_distance(
     return (lower if least > -np.inf else math.sqrt(square)) - rounding
 
 
-@lane_step(types.float64(POINTED_PARTS, int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
+@vector_step(types.float64(POINTED_PARTS, int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
 def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz: float) -> float:
     """Return how far a part of a body at the origin reaches along a unit direction in its frame [m]; work (WORK,)."""
     at = PART * part
@@ -408,7 +408,7 @@ def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz:
     return float(x * dx + y * dy + z * dz + rounding(parts, part))
 
 
-@lane_part
+@vector_part
 def _size(parts: Parts, node: int) -> float:
     """Size of a node for dividing [m]: the radius of its ball, times the blocks of vertices of its hull."""
     part = part_of(parts, node)
@@ -416,7 +416,7 @@ def _size(parts: Parts, node: int) -> float:
     return float(ball_radius(parts.balls, node) * (1 + blocks))
 
 
-@lane_part
+@vector_part
 def divides_first(a: Parts, node_a: int, b: Parts, node_b: int) -> bool:
     """Tell if of two nodes, not both leaves, the first is the one to divide: one that is but a ball before a hull.
 
@@ -429,7 +429,7 @@ def divides_first(a: Parts, node_a: int, b: Parts, node_b: int) -> bool:
     return is_ball_a if is_ball_a != is_ball_b else _size(a, node_a) >= _size(b, node_b)
 
 
-@lane_step(types.float64(*PLACED, *PLACED, types.float64, types.float64, DOUBLE_POINTER))
+@vector_step(types.float64(*PLACED, *PLACED, types.float64, types.float64, DOUBLE_POINTER))
 def _apart_at_least(
     a: Parts, node_a: int, pose_a: Floats, b: Parts, node_b: int, pose_b: Floats, least: float, most: float,
     work: Floats,
@@ -449,7 +449,7 @@ def _apart_at_least(
     return max(apart, parts_distance(a, part_a, b, part_b, radii, least, most, rounds, work))
 
 
-@lane_step(types.float64(*PLACED, *PLACED, types.float64, types.float64, types.float64, DOUBLE_POINTER))
+@vector_step(types.float64(*PLACED, *PLACED, types.float64, types.float64, types.float64, DOUBLE_POINTER))
 def _bodies_distance(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, least: float, most: float,
     slack: float, work: Floats,
@@ -502,7 +502,7 @@ def _bodies_distance(
     return best
 
 
-@lane_part
+@vector_part
 def bodies_distance(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, most: float, work: Floats
 ) -> float:
@@ -510,7 +510,7 @@ def bodies_distance(
     return float(_bodies_distance(a, root_a, pose_a, b, root_b, pose_b, -math.inf, most, SLACK, work))
 
 
-@lane_step(boolean(*PLACED, *PLACED, types.float64, DOUBLE_POINTER))
+@vector_step(boolean(*PLACED, *PLACED, types.float64, DOUBLE_POINTER))
 def bodies_apart(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:
@@ -519,7 +519,7 @@ def bodies_apart(
     return bool(_bodies_distance(a, root_a, pose_a, b, root_b, pose_b, margin, margin, 0.0, work) >= margin)
 
 
-@lane_step(boolean(*PLACED, *PLACED, types.float64, DOUBLE_POINTER))
+@vector_step(boolean(*PLACED, *PLACED, types.float64, DOUBLE_POINTER))
 def parts_apart(
     a: Parts, part_a: int, pose_a: Floats, b: Parts, part_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:

@@ -1,9 +1,9 @@
 """Tables of a robot's bodies and of obstacles for kernels of SIMD batches, their scratch memory, and their words.
 
-`collision/lanes` fills them: `robot_tables` and `cell_grids` the robot, `scene_tables` the obstacles (by
-`primitive.primitive_tables`) and the scratch. A world reaches a kernel as words in the order of `LaneWorld` and of the
-tuples in it, which `lanes.py` and `lay_out` write, at the offsets of `scene_tables`: a field of `LaneWorld` has to be
-added, moved or removed there, too, and one of a tuple where that is filled.
+`collision/batch` fills them: `robot_tables` and `cell_grids` the robot, `scene_tables` the obstacles (by
+`primitive.primitive_tables`) and the scratch. A world reaches a kernel as words in the order of `BatchWorld` and of the
+tuples in it, which `batch_collision.py` and `lay_out` write, at the offsets of `scene_tables`: a field of `BatchWorld`
+has to be added, moved or removed there, too, and one of a tuple where that is filled.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ from guidefield.kernels.jit.arrays import (
     SinglesOut,
     numba_type,
 )
-from guidefield.kernels.jit.decorators import inner_kernel, kernel, lane_part
-from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
+from guidefield.kernels.jit.decorators import inner_kernel, kernel, vector_part
+from guidefield.kernels.kinematics.batch_forward_kinematics import BatchJoints
 from guidefield.kernels.simd.packing import pointed, unpacked
 
-BAND = 1e-5  # within this of contact [m] either answer may come (`lanes.py`): more than tests in float32 are off by
+# Within this of contact [m] either answer may come (`collision/batch/batch_collision.py`): more than the error of tests
+# in float32.
+BAND = 1e-5
 DECISION_BAND = 2e-6  # the margin of GJK's decision [m], within `BAND`: more than the error of a placement in float32
 
 REACH, AXIS_AND_REACH = 3, 4
@@ -69,7 +71,7 @@ MOVED, GRID_NUMBERS = SIDE * GRID_SIDES, SIDE * GRID_SIDES + 1
 """Behind them stands how far motions within one of the largest cells move bodies past each other; then how many numbers
 there are."""
 
-CHILDREN = 64  # cells that a cell is divided into, as `collision/lanes/cell_grids.py` halves its sides
+CHILDREN = 64  # cells that a cell is divided into, as `collision/batch/cell_grids.py` halves its sides
 
 HALF_SIDES, ROUNDING, ROUNDED_BOX = 12, 15, 16
 """Numbers of a rounded box: behind its placement, rotation and translation row by row, the halves of its sides and the
@@ -83,7 +85,7 @@ HORIZON, WIDENING = 0, 1  # numbers of `DriftingBoxes`
 CLOUD = 6  # the kind of an obstacle that is balls about points, beside those of `primitive`; its primitive is unused
 
 
-class LaneBodies(NamedTuple):
+class BatchBodies(NamedTuple):
     """The robot's bodies; lengths [m] in the frame of the joint that carries a body.
 
     A *carrier* is a joint with bodies. Balls contain each other: those about a carrier's bodies, about a body, about a
@@ -130,7 +132,7 @@ class LaneBodies(NamedTuple):
     apart: Bits
 
 
-class LaneObstacles(NamedTuple):
+class BatchObstacles(NamedTuple):
     """Obstacles, in the world [m]; one of many triangles stands as several."""
 
     size: int  # n
@@ -140,7 +142,7 @@ class LaneObstacles(NamedTuple):
     ignored: Indices  # (bodies * n,) 1 where the body isn't tested against it
     primitives: Singles  # (PRIMITIVE * n,) float32
     boxes: Singles  # (AROUND * blocks,) boxes about them along the world's axes; unused places hold empty ones
-    clouds: Indices  # (n,) the address of the words of each one's `LaneCloud`; 0 of all other kinds
+    clouds: Indices  # (n,) the address of the words of each one's `BatchCloud`; 0 of all other kinds
 
 
 class DriftingBoxes(NamedTuple):
@@ -187,85 +189,85 @@ class Scratch(NamedTuple):
     hits: IndicesOut
 
 
-LANE_BODIES = numba_type(LaneBodies)
-LANE_OBSTACLES = numba_type(LaneObstacles)
+BATCH_BODIES = numba_type(BatchBodies)
+BATCH_OBSTACLES = numba_type(BatchObstacles)
 SCRATCH = numba_type(Scratch)
 
-BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)
+BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(BATCH_BODIES), pointed(BATCH_OBSTACLES), pointed(SCRATCH)
 
 
-class LaneWorld(NamedTuple):
-    """A robot among obstacles, for lanes."""
+class BatchWorld(NamedTuple):
+    """A robot among obstacles, for SIMD batches."""
 
     # joints, bodies: The robot
-    joints: LaneJoints
-    bodies: LaneBodies
+    joints: BatchJoints
+    bodies: BatchBodies
     parts: Parts  # hulls of its bodies and of their pieces, in the turned frames of joints
     surfaces: Parts  # the bodies themselves, as proofs have them
     fractions: Singles  # `batch_collision.FRACTIONS`, and by how much each coordinate counts, (16 + nv,): 1 for angles
     nv: int  # how many coordinates a configuration has
     # obstacles, scene: What is around it
-    obstacles: LaneObstacles
+    obstacles: BatchObstacles
     scene: Parts
     scratch: Scratch  # memory; so a world answers one question at a time
     block: SinglesOut  # (nv * 16,) memory for the configurations of one block
     drifting: DriftingBoxes  # what motions keep from besides
 
 
-LANE_WORLD = numba_type(LaneWorld)
-WORLD = pointed(LANE_WORLD)
+BATCH_WORLD = numba_type(BatchWorld)
+WORLD = pointed(BATCH_WORLD)
 
-world_of = unpacked(LANE_WORLD)  # makes a world of its words
+world_of = unpacked(BATCH_WORLD)  # makes a world of its words
 
 
-class LaneAlone(NamedTuple):
-    """A robot without obstacles."""
+class BatchRobotTables(NamedTuple):
+    """A robot without obstacles, for SIMD batches."""
 
-    # joints, bodies, parts, surfaces: The robot, as `LaneWorld` has it
-    joints: LaneJoints
-    bodies: LaneBodies
+    # joints, bodies, parts, surfaces: The robot, as `BatchWorld` has it
+    joints: BatchJoints
+    bodies: BatchBodies
     parts: Parts
     surfaces: Parts
     scratch: Scratch  # memory
 
 
-LANE_ALONE = numba_type(LaneAlone)
-ALONE = pointed(LANE_ALONE)
+BATCH_ROBOT_TABLES = numba_type(BatchRobotTables)
+ALONE = pointed(BATCH_ROBOT_TABLES)
 
-alone_of = unpacked(LANE_ALONE)  # makes a robot without obstacles of its words
+alone_of = unpacked(BATCH_ROBOT_TABLES)  # makes a robot without obstacles of its words
 
 
-@lane_part
-def robot_of(world: LaneWorld) -> LaneAlone:
+@vector_part
+def robot_of(world: BatchWorld) -> BatchRobotTables:
     """The robot of a world."""
-    return LaneAlone(world.joints, world.bodies, world.parts, world.surfaces, world.scratch)
+    return BatchRobotTables(world.joints, world.bodies, world.parts, world.surfaces, world.scratch)
 
 
-@lane_part
-def pair_of(bodies: LaneBodies, pair: int) -> tuple[int, int]:
+@vector_part
+def pair_of(bodies: BatchBodies, pair: int) -> tuple[int, int]:
     """The bodies of a pair."""
     return bodies.pairs[PAIR * pair + BODY_A], bodies.pairs[PAIR * pair + BODY_B]
 
 
-@lane_part
-def carriers_of(bodies: LaneBodies, meeting: int) -> tuple[int, int]:
+@vector_part
+def carriers_of(bodies: BatchBodies, meeting: int) -> tuple[int, int]:
     """The carriers of a meeting."""
     return bodies.meetings[MEETING * meeting + CARRIER_A], bodies.meetings[MEETING * meeting + CARRIER_B]
 
 
-@lane_part
-def pairs_of(bodies: LaneBodies, meeting: int) -> tuple[int, int]:
+@vector_part
+def pairs_of(bodies: BatchBodies, meeting: int) -> tuple[int, int]:
     """The first pair of bodies of a meeting, and the one past its last."""
     return bodies.meetings[MEETING * meeting + FIRST_PAIR], bodies.meetings[MEETING * meeting + PAST_PAIR]
 
 
-@lane_part
-def axis_place(obstacles: LaneObstacles, body: int, obstacle: int) -> int:
+@vector_part
+def axis_place(obstacles: BatchObstacles, body: int, obstacle: int) -> int:
     """Return where the separating axis of a body and an obstacle is kept."""
     return AXIS_AND_REACH * (body * obstacles.size + obstacle)
 
 
-@lane_part
+@vector_part
 def write_found(found: Integers, count: int, body: int, other: int, mask: int) -> int:
     """Write a near pair behind `count` others in `found` (FOUND * n,); how many there are then."""
     at = FOUND * count
@@ -274,9 +276,9 @@ def write_found(found: Integers, count: int, body: int, other: int, mask: int) -
 
 
 LINE = 64  # bytes of a line of the cache, a multiple of 8: sixteen floats across two of them take twice as long
-SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)  # number of words of obstacles and their shapes
+SCENE_WORDS = len(BatchObstacles._fields) + len(Parts._fields)  # number of words of obstacles and their shapes
 
-_IGNORED = LaneObstacles._fields.index("ignored")
+_IGNORED = BatchObstacles._fields.index("ignored")
 
 MEMORY_WORDS = len(Scratch._fields) + 1  # number of words behind those: of the scratch and the block
 DRIFT_WORDS = len(DriftingBoxes._fields)  # and behind those, not written here

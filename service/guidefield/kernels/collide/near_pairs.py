@@ -14,7 +14,7 @@ import numpy as np
 
 from guidefield.kernels.distance.bvh import boxes_met
 from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, IndexRowsOut, Indices, Integers, Row, Rows
-from guidefield.kernels.jit.decorators import lane_kernel, lane_uncounted, uncounted
+from guidefield.kernels.jit.decorators import uncounted, vector_kernel, vector_uncounted
 
 WIDER = 1e-9
 """Margin of boxes about balls, for rounding, of a metre and of each metre that they are from the origin [m]: it
@@ -54,7 +54,7 @@ class PairTable(NamedTuple):
     left_out: Indices  # of the m * o pairs with obstacles those that may touch, ascending, shape (k,)
 
 
-@lane_uncounted
+@vector_uncounted
 def _place(place: Floats, point: Floats, found: Floats) -> None:
     """Write the place of a point (3,), in the frame of a joint placed at (12,), in the world [m]."""
     for i in range(3):
@@ -62,14 +62,14 @@ def _place(place: Floats, point: Floats, found: Floats) -> None:
         found[i] = here + place[4 * i + 3]
 
 
-@lane_uncounted
+@vector_uncounted
 def _place_parts(robot: BodyBalls, b: int, placements: Floats, parts: Floats) -> None:
     """Place the balls about parts of a body, shape (parts, 3)."""
     for k in range(robot.part_centres.shape[1]):
         _place(placements[robot.carriers[b]], robot.part_centres[b, k], parts[k])
 
 
-@lane_uncounted
+@vector_uncounted
 def _distance(a: Floats, b: Floats) -> float:
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return math.sqrt(x * x + y * y + z * z)
@@ -86,13 +86,13 @@ def squared_gap_to_box(obstacles: BoxedObstacles, o: int, x: float, y: float, z:
     return square
 
 
-@lane_uncounted
+@vector_uncounted
 def _gap(obstacles: BoxedObstacles, o: int, point: Floats) -> float:
     """Distance of a point (3,) from the box about an obstacle along its own axes [m]."""
     return math.sqrt(squared_gap_to_box(obstacles, o, point[0], point[1], point[2]))
 
 
-@lane_uncounted
+@vector_uncounted
 def _are_own_near(
     robot: BodyBalls, a: int, b: int, margin: float, placements: Floats, centres: Floats, parts: Floats
 ) -> bool:
@@ -109,7 +109,7 @@ def _are_own_near(
     return False
 
 
-@lane_uncounted
+@vector_uncounted
 def _is_near(
     robot: BodyBalls,
     obstacles: BoxedObstacles,
@@ -130,7 +130,7 @@ def _is_near(
     return bool(least - robot.part_radii[b] <= margin)
 
 
-@lane_uncounted
+@vector_uncounted
 def count_left_out(left_out: Integers, mixed: int) -> int:
     """Return how many pairs that may touch, shape (k,), are before one with an obstacle: a binary search."""
     low, high = 0, left_out.shape[0]
@@ -143,14 +143,14 @@ def count_left_out(left_out: Integers, mixed: int) -> int:
     return low
 
 
-@lane_uncounted
+@vector_uncounted
 def is_left_out(left_out: Integers, mixed: int) -> bool:
     """Return whether a pair with an obstacle, by its number among those, is one of those that may touch, shape (k,)."""
     before = count_left_out(left_out, mixed)
     return bool(before < left_out.shape[0] and left_out[before] == mixed)
 
 
-@lane_uncounted
+@vector_uncounted
 def _note(found: Integers, count: int, s: int, pair: int) -> int:
     """Note a pair where there is room; how many there are by now."""
     if count < found.shape[0]:
@@ -158,7 +158,7 @@ def _note(found: Integers, count: int, s: int, pair: int) -> int:
     return count + 1
 
 
-@lane_uncounted
+@vector_uncounted
 def find_boxes_near(
     obstacles: BoxedObstacles, centre: Floats, reach: float, box: Floats, stack: Integers, met_out: Integers
 ) -> int:
@@ -175,7 +175,7 @@ def find_boxes_near(
     return count
 
 
-@lane_kernel
+@vector_kernel
 def find_near_pairs(
     robot: BodyBalls,
     obstacles: BoxedObstacles,

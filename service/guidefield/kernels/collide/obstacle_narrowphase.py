@@ -7,7 +7,7 @@ beyond counts as apart, so that a reach may be too large, not too small. Axes of
 
 Which axes are tried and kept is a matter of speed, but within `BAND` of contact of the answer, too: a search begins
 with none (`batch_collision.forget`), so that it repeats to the bit. What they separate by, `BAND` in float32 and
-`DECISION_BAND` in GJK, is what `collision/lanes/lanes.py` promises, so that neither may shrink.
+`DECISION_BAND` in GJK, is what `collision/batch/batch_collision.py` promises, so that neither may shrink.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from guidefield.kernels.collide.layout import (
     OBSTACLES,
     REACH,
     WORLD,
-    LaneBodies,
-    LaneObstacles,
-    LaneWorld,
+    BatchBodies,
+    BatchObstacles,
+    BatchWorld,
     axis_place,
 )
 from guidefield.kernels.collide.parts import (
@@ -62,14 +62,14 @@ from guidefield.kernels.collide.primitive import PRIMITIVE, away_from_primitive,
 from guidefield.kernels.distance.point_tree import (
     CLOUD_TABLES,
     RADIUS,
-    LaneCloud,
+    BatchCloud,
     cloud_of,
     next_block,
     point_gaps,
     words_at,
 )
 from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats, Floats32, Integers
-from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_part, vector_step
 from guidefield.kernels.kinematics.poses import (
     apply_pose,
     one_pose,
@@ -82,7 +82,7 @@ from guidefield.kernels.simd.packing import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import LANES, Vector, below, f32x16, first_lane, lane, root, smallest_of, splat
 
 
-@lane_step(f32x16(POINTED_PARTS, int64, f32x16, f32x16, f32x16))
+@vector_step(f32x16(POINTED_PARTS, int64, f32x16, f32x16, f32x16))
 def lowest_vertex(parts: Parts, part: int, x: Vector, y: Vector, z: Vector) -> Vector:
     """The least n.v over the vertices v of a polytope, for an axis n = (x, y, z) in its frame."""
     vertices, first, lowest = parts.vertices, parts.shapes[SHAPE * part + FIRST_BLOCK], splat(1e30)
@@ -93,7 +93,7 @@ def lowest_vertex(parts: Parts, part: int, x: Vector, y: Vector, z: Vector) -> V
     return lowest
 
 
-@lane_part
+@vector_part
 def kept_beyond(
     parts: Parts, part: int, poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector, reach: Vector, margin: float
 ) -> int:
@@ -107,8 +107,8 @@ def kept_beyond(
     return int(below(lowest_vertex(parts, part, x, y, z) + origin, enough))
 
 
-@lane_part
-def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) -> Vector:
+@vector_part
+def lowest_ball(bodies: BatchBodies, body: int, x: Vector, y: Vector, z: Vector) -> Vector:
     """The least n.x over the points x of a body's cover, for an axis n = (x, y, z) in its joint's frame."""
     cover, lowest = bodies.cover, splat(1e30)
     for ball in range(bodies.covers[bodies.groups[body]], bodies.covers[bodies.groups[body + 1]]):
@@ -117,13 +117,13 @@ def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) 
     return lowest
 
 
-@lane_part
+@vector_part
 def no_axis(axes: Floats, at: int) -> bool:
     """Tell if there is no axis at a place among numbers, shape (n,): all three are 0."""
     return bool(axes[at] == 0.0 and axes[at + 1] == 0.0 and axes[at + 2] == 0.0)
 
 
-@lane_part
+@vector_part
 def _note(axes: Floats, at: int, places: Integers) -> None:
     """Note the place of an axis that will be kept, if there was none; the first of `places` says how many follow it."""
     if no_axis(axes, at):
@@ -131,7 +131,7 @@ def _note(axes: Floats, at: int, places: Integers) -> None:
         places[places[0]] = at
 
 
-@lane_part
+@vector_part
 def keep_direction(work: Floats, axes: Floats, at: int, places: Integers) -> None:
     """Keep the axis in the scratch space, shape (WORK,), if there is one, as it is; the rest as for `keep_axis`."""
     if not no_axis(work, AXIS):
@@ -140,7 +140,7 @@ def keep_direction(work: Floats, axes: Floats, at: int, places: Integers) -> Non
             axes[at + k] = work[AXIS + k]
 
 
-@lane_part
+@vector_part
 def forget_axes(axes: Floats, places: Integers) -> None:
     """Forget all of some axes (AXIS_AND_REACH * n,), by their places (1 + n,): a search mostly keeps few of many."""
     for k in range(1, places[0] + 1):
@@ -149,7 +149,7 @@ def forget_axes(axes: Floats, places: Integers) -> None:
     places[0] = 0
 
 
-@lane_part
+@vector_part
 def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
     """Write the axis that separated, of length 1 and in the frame of a pose (12,), and a body's reach along it [m].
 
@@ -165,7 +165,7 @@ def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: f
         axes[at + REACH] = reach_along(parts, part, work, way * axes[at], way * axes[at + 1], way * axes[at + 2])
 
 
-@lane_part
+@vector_part
 def keep_axis(
     parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int, places: Integers
 ) -> None:
@@ -175,9 +175,9 @@ def keep_axis(
         write_separating(parts, root, work, pose, way, axes, at)
 
 
-@lane_part
+@vector_part
 def _near_piece(
-    world: LaneWorld, piece: int, joint: int, o: int, clearance: float
+    world: BatchWorld, piece: int, joint: int, o: int, clearance: float
 ) -> tuple[int, Vector, Vector, Vector]:
     """Mask of the lanes where the ball about a piece meets the obstacle's primitive; the ball's middle."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
@@ -186,8 +186,8 @@ def _near_piece(
     return near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach), x, y, z
 
 
-@lane_step(boolean(POINTED_PARTS, int64, DOUBLE_POINTER, OBSTACLES, int64, types.float64))
-def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacles, o: int, reach: float) -> bool:
+@vector_step(boolean(POINTED_PARTS, int64, DOUBLE_POINTER, OBSTACLES, int64, types.float64))
+def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: BatchObstacles, o: int, reach: float) -> bool:
     """Tell if any of the points of a part, of a body that is placed so (12), are nearer to a primitive than `reach`."""
     vertices, first = parts.vertices, parts.shapes[SHAPE * part + FIRST_BLOCK]
     for block in range(first, first + parts.shapes[SHAPE * part + BLOCKS]):
@@ -198,8 +198,8 @@ def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacl
     return False
 
 
-@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
-def _points_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float) -> bool:
+@vector_step(boolean(WORLD, int64, int64, int64, types.float64))
+def _points_meet(world: BatchWorld, body: int, o: int, mask: int, clearance: float) -> bool:
     """Tell if a point of a body's surface is in an obstacle, which is a primitive, in any lane of a mask."""
     bodies, parts, obstacles, scratch = world.bodies, world.parts, world.obstacles, world.scratch
     joint = bodies.joints[body]
@@ -217,8 +217,8 @@ def _points_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: floa
     return False
 
 
-@lane_step(boolean(WORLD, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
-def _surface_apart(world: LaneWorld, body: int, pose: Floats, root: int, there: Floats, margin: float) -> bool:
+@vector_step(boolean(WORLD, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
+def _surface_apart(world: BatchWorld, body: int, pose: Floats, root: int, there: Floats, margin: float) -> bool:
     """Tell if a body whose joint is placed so (12) is farther than a margin from what is below a node of the scene."""
     bodies, scratch = world.bodies, world.scratch
     write_product(pose, bodies.surface_frames, 12 * body, scratch.surface_a, 0)
@@ -230,8 +230,8 @@ def _surface_apart(world: LaneWorld, body: int, pose: Floats, root: int, there: 
     )  # fmt: skip
 
 
-@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
-def pieces_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float) -> bool:
+@vector_step(boolean(WORLD, int64, int64, int64, types.float64))
+def pieces_meet(world: BatchWorld, body: int, o: int, mask: int, clearance: float) -> bool:
     """Tell if any piece of a body touches an obstacle, no cloud, in any lane of a mask.
 
     The scratch's `pose_b` has to be the identity.
@@ -268,8 +268,8 @@ def pieces_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float
     return False
 
 
-@lane_step(int64(WORLD, int64, int64, int64, types.float64, boolean))
-def left_of_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float, closely: bool) -> int:
+@vector_step(int64(WORLD, int64, int64, int64, types.float64, boolean))
+def left_of_obstacle(world: BatchWorld, body: int, obstacle: int, mask: int, clearance: float, closely: bool) -> int:
     """Return the lanes of a mask where the last axis that separated body and obstacle, fixed in the world, does not.
 
     By the balls of the body's cover; `closely` also by the vertices of its hull.
@@ -288,8 +288,8 @@ def left_of_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, clea
     return int(left)
 
 
-@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
-def meets_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float) -> bool:
+@vector_step(boolean(WORLD, int64, int64, int64, types.float64))
+def meets_obstacle(world: BatchWorld, body: int, obstacle: int, mask: int, clearance: float) -> bool:
     """Tell if a body touches an obstacle in any lane of a mask.
 
     Each lane that is judged leaves an axis behind, which mostly separates the others too.
@@ -328,8 +328,8 @@ def meets_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, cleara
     return False
 
 
-@lane_step(float64(WORLD, int64, DOUBLE_POINTER, DOUBLE_POINTER))
-def _lowest(world: LaneWorld, body: int, pose: Floats, work: Floats) -> float:
+@vector_step(float64(WORLD, int64, DOUBLE_POINTER, DOUBLE_POINTER))
+def _lowest(world: BatchWorld, body: int, pose: Floats, work: Floats) -> float:
     """The least n.x over the points x of a body in a pose, for the axis n in the scratch space [m]."""
     bodies, parts = world.bodies, world.parts
     x, y, z = axis_in(work)
@@ -345,8 +345,8 @@ def _lowest(world: LaneWorld, body: int, pose: Floats, work: Floats) -> float:
     return float(origin + lowest)
 
 
-@lane_part
-def _beyond(cloud: LaneCloud, block: int, work: Floats, lowest: float, grown: float) -> int:
+@vector_part
+def _beyond(cloud: BatchCloud, block: int, work: Floats, lowest: float, grown: float) -> int:
     """Mask of sixteen points that the axis in the scratch space doesn't keep apart from a body."""
     u, v, w = points_at(cloud.points, block * BLOCK)
     x, y, z = axis_in(work)
@@ -354,9 +354,9 @@ def _beyond(cloud: LaneCloud, block: int, work: Floats, lowest: float, grown: fl
     return int(below(splat(lowest - grown), along))
 
 
-@lane_step(int64(BODIES, int64, DOUBLE_POINTER, CLOUD_TABLES, int64, float64, int64))
+@vector_step(int64(BODIES, int64, DOUBLE_POINTER, CLOUD_TABLES, int64, float64, int64))
 def _in_cover(
-    bodies: LaneBodies, group: int, pose: Floats, cloud: LaneCloud, block: int, grown: float, near: int
+    bodies: BatchBodies, group: int, pose: Floats, cloud: BatchCloud, block: int, grown: float, near: int
 ) -> int:
     """The points of some of sixteen that are within `grown` of a ball in a group of a body's cover."""
     cover, mask = bodies.cover, 0
@@ -369,8 +369,8 @@ def _in_cover(
     return int(mask & near)
 
 
-@lane_step(boolean(WORLD, int64, DOUBLE_POINTER, CLOUD_TABLES, int64, float64))
-def _pose_meets(world: LaneWorld, body: int, pose: Floats, cloud: LaneCloud, root: int, clearance: float) -> bool:
+@vector_step(boolean(WORLD, int64, DOUBLE_POINTER, CLOUD_TABLES, int64, float64))
+def _pose_meets(world: BatchWorld, body: int, pose: Floats, cloud: BatchCloud, root: int, clearance: float) -> bool:
     """Tell if a body in a pose touches a ball of a cloud; the search begins with the axis in the scratch space."""
     bodies, scratch = world.bodies, world.scratch
     work, there, grouped = scratch.work, scratch.pose_b, bodies.grouped
@@ -405,8 +405,8 @@ def _pose_meets(world: LaneWorld, body: int, pose: Floats, cloud: LaneCloud, roo
     return False
 
 
-@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
-def meets_cloud(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float) -> bool:
+@vector_step(boolean(WORLD, int64, int64, int64, types.float64))
+def meets_cloud(world: BatchWorld, body: int, obstacle: int, mask: int, clearance: float) -> bool:
     """Tell if a body touches a cloud in any lane of a mask.
 
     The axis that kept a ball apart last is where the next decision about body and cloud begins.

@@ -1,6 +1,6 @@
 """Convex parts of bodies and trees of balls about them: the tables that GJK, batches and proofs read, and placing.
 
-`collision/part_tables.py`, `lanes/surface_tables.py`, `primitive.py`, `stream/shapes.py` write them: columns and kinds
+`collision/part_tables.py`, `batch/surface_tables.py`, `primitive.py`, `stream/shapes.py` write them: columns and kinds
 have to be the same there, and in `prove/proof.py`. A node's ball and part contain all that is below it.
 """
 
@@ -21,7 +21,7 @@ from guidefield.kernels.jit.arrays import (
     SinglesOut,
     numba_type,
 )
-from guidefield.kernels.jit.decorators import kernel, lane_part
+from guidefield.kernels.jit.decorators import kernel, vector_part
 from guidefield.kernels.kinematics.poses import apply_pose, apply_poses, write_product
 from guidefield.kernels.simd.packing import BLOCK, pointed
 from guidefield.kernels.simd.vector import LANES, Vector, below, splat
@@ -30,27 +30,27 @@ BALL_ROW = 4  # numbers of a ball: its centre's x, y, z and its radius [m]
 RADIUS = 3  # place of the radius among them
 
 
-@lane_part
+@vector_part
 def ball_radius(balls: Any, ball: int) -> Any:
     """Radius of one of some balls, shape (BALL_ROW * n,) [m]."""
     return balls[BALL_ROW * ball + RADIUS]
 
 
-@lane_part
+@vector_part
 def ball_centre(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tuple[Vector, Vector, Vector]:
     """Centre of a ball that a joint carries: of `poses`, shape (joints * POSE,), and `balls`, shape (BALL_ROW * n,)."""
     at = BALL_ROW * ball
     return apply_poses(poses, joint, balls[at], balls[at + 1], balls[at + 2])
 
 
-@lane_part
+@vector_part
 def placed_ball(pose: Floats, balls: Any, ball: int) -> tuple[float, float, float]:
     """Return the centre of one of balls (BALL_ROW * n,) of a body placed at (12,) [m]."""
     at = BALL_ROW * ball
     return apply_pose(pose, balls[at], balls[at + 1], balls[at + 2])
 
 
-@lane_part
+@vector_part
 def balls_meet(poses: Floats32, joint_a: int, a: int, joint_b: int, b: int, balls: Floats32, margin: float) -> int:
     """Mask of the lanes where two balls that two joints carry are closer than a margin; shapes as for `ball_centre`."""
     x, y, z = ball_centre(poses, joint_a, balls, a)
@@ -59,7 +59,7 @@ def balls_meet(poses: Floats32, joint_a: int, a: int, joint_b: int, b: int, ball
     return int(below(x * x + y * y + z * z, splat(reach * reach)))
 
 
-@lane_part
+@vector_part
 def lowest_of_ball(balls: Floats32, ball: int, x: Any, y: Any, z: Any) -> Any:
     """The least n.p over the points p of one of some balls, shape (BALL_ROW * n,), for unit axes n = (x, y, z) [m]."""
     at = BALL_ROW * ball
@@ -100,43 +100,43 @@ PARTS = numba_type(Parts)
 POINTED_PARTS = pointed(PARTS)
 
 
-@lane_part
+@vector_part
 def part_of(parts: Parts, node: int) -> int:
     """The part of a node; -1 if it has none."""
     return int(parts.links[LINK * node + OWN])
 
 
-@lane_part
+@vector_part
 def child_of(parts: Parts, node: int, side: int) -> int:
     """The child of a node at a side, LEFT or RIGHT; -1 if it is a leaf."""
     return int(parts.links[LINK * node + side])
 
 
-@lane_part
+@vector_part
 def is_leaf(parts: Parts, node: int) -> bool:
     """Tell if a node has no children."""
     return child_of(parts, node, LEFT) < 0
 
 
-@lane_part
+@vector_part
 def kind_of(parts: Parts, part: int) -> int:
     """The kind of a part."""
     return int(parts.shapes[SHAPE * part + KIND])
 
 
-@lane_part
+@vector_part
 def is_flat_sided(parts: Parts, part: int) -> bool:
     """Tell if a part is given by corners in its body's frame, so that it has no placement of its own."""
     return kind_of(parts, part) in (POLYTOPE, TRIANGLE)
 
 
-@lane_part
+@vector_part
 def rounding(parts: Parts, part: int) -> float:
     """Radius of what rounds a part [m]."""
     return float(parts.numbers[PART * part + ROUND])
 
 
-@lane_part
+@vector_part
 def polytope_of(parts: Parts, root: int) -> int:
     """The polytope that a body is or is contained in, as a part; -1 if there is none."""
     part = part_of(parts, root)
@@ -163,7 +163,7 @@ def write_cluster_vertices(corners: Blocks, members: IndexRows, vertices_out: Si
 X, Y, Z = 3, 7, 11  # places of its origin in a pose
 
 
-@lane_part
+@vector_part
 def place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> None:
     """Write the rotation of a body placed at (12,), and the centre of a node's ball, to a pose in scratch (WORK,)."""
     for r in range(3):
@@ -172,7 +172,7 @@ def place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -
     work[pose + X], work[pose + Y], work[pose + Z] = placed_ball(body, parts.balls, node)
 
 
-@lane_part
+@vector_part
 def place_part(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> None:
     """Write the placement of a part; shapes as for `place_ball`."""
     if is_flat_sided(parts, part):
@@ -182,7 +182,7 @@ def place_part(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -
     write_product(body, parts.numbers, part * PART, work, pose)
 
 
-@lane_part
+@vector_part
 def place_part_of(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> float:
     """Place the part of a node instead of its ball, if it has one; return the radius of what rounds it [m].
 

@@ -1,7 +1,7 @@
 """Primitives: their numbers, masks of sixteen points near one, axes away from it, bounds of many, tables of a scene's.
 
 Two forms: rows of `PRIMITIVE` numbers in float32 for SIMD batches, and `PLACED` of `scene/obstacle.py`, in float64.
-`primitive_tables` writes what `collision/lanes/scene_tables.py` has made room for, in the columns of `layout` and
+`primitive_tables` writes what `collision/batch/scene_tables.py` has made room for, in the columns of `layout` and
 `parts`. A further kind needs a branch in each function that asks for kinds, here and in `gjk.py`.
 """
 
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.collide.layout import LINE, SCENE_WORDS, LaneObstacles
+from guidefield.kernels.collide.layout import LINE, SCENE_WORDS, BatchObstacles
 from guidefield.kernels.collide.parts import (
     BALL_ROW,
     BLOCKS,
@@ -47,7 +47,7 @@ from guidefield.kernels.jit.arrays import (
     Vector3,
     numba_type,
 )
-from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel, lane_part
+from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel, vector_part
 from guidefield.kernels.simd.packing import AROUND, BLOCK, pointers, unpacked
 from guidefield.kernels.simd.vector import LANES, Vector, below, largest_of, magnitude, root, smallest_of, splat
 
@@ -76,23 +76,23 @@ _PLACED = PLACED.size // 8
 NORMAL = AXES + 6  # place of the third axis of a primitive; of a half-space it is the normal
 
 
-@lane_part
+@vector_part
 def _three(primitives: Floats32, at: int) -> Vector3:
     return primitives[at], primitives[at + 1], primitives[at + 2]
 
 
-@lane_part
+@vector_part
 def _axis(primitives: Floats32, at: int, k: int) -> Vector3:
     return _three(primitives, at + AXES + 3 * k)
 
 
-@lane_part
+@vector_part
 def _beyond(value: Vector, half: float) -> Vector:
     """Excess of a value over +-half, with its sign; 0 within."""
     return value - largest_of(smallest_of(value, splat(half)), splat(-half))
 
 
-@lane_part
+@vector_part
 def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
     """Return the mask of sixteen world points closer than `reach` to a primitive, or in it [m].
 
@@ -127,7 +127,7 @@ def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vecto
     return int(below(out * out + beyond * beyond, splat(reach * reach)))
 
 
-@lane_part
+@vector_part
 def away_from_primitive(
     kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector
 ) -> tuple[Vector, Vector, Vector, Vector]:
@@ -172,7 +172,7 @@ def away_from_primitive(
     return nx, ny, nz, reach + nx * cx + ny * cy + nz * cz
 
 
-@lane_part
+@vector_part
 def write_rotation(placed: Floats, rotation: Floats) -> None:
     """Write the rotation of a primitive, `PLACED` of it of shape (12,), to the first three columns of (3, k)."""
     x, y, z, w = placed[1], placed[2], placed[3], placed[4]
@@ -299,7 +299,7 @@ def gaps_from_ball(placed: Rows, ball: Row, rounding: float, least: RowOut, most
 class _ObstaclesWithParts(NamedTuple):
     """Obstacles and their shapes."""
 
-    obstacles: LaneObstacles
+    obstacles: BatchObstacles
     parts: Parts
 
 
@@ -389,7 +389,7 @@ def primitive_tables(placed: Row, offsets: Indices, memory: IndicesOut, words: I
     """Write tables of primitives, each an obstacle of one node and one part, and a block of vertices of a box.
 
     `placed` has them as `PLACED`; `offsets` (SCENE_WORDS,) has the number of obstacles with boxes, then where in the
-    memory each other field of `LaneObstacles` and `Parts` is [bytes], vertices as if all were boxes. The memory, all
+    memory each other field of `BatchObstacles` and `Parts` is [bytes], vertices as if all were boxes. The memory, all
     zero, gets the tables from where a line of the cache begins, which is returned [bytes], without what may touch.
     """
     begins = -memory.ctypes.data % LINE

@@ -1,7 +1,7 @@
 """Exact decisions if bodies of the robot touch each other, with a cache of verdicts on cells of joint coordinates.
 
 Hulls come first, then nearly convex pieces, and where two of these aren't apart, the bodies themselves. Pairs of joints
-whose bodies' distance depends on at most three coordinates have a grid (`collision/lanes/cell_grids.py`): a cell is
+whose bodies' distance depends on at most three coordinates have a grid (`collision/batch/cell_grids.py`): a cell is
 judged when first met, once for all threads. `never_touching` finds pairs that can't collide at all.
 """
 
@@ -40,8 +40,8 @@ from guidefield.kernels.collide.layout import (
     STEP,
     TOGETHER,
     WRAPS,
-    LaneAlone,
-    LaneBodies,
+    BatchBodies,
+    BatchRobotTables,
     alone_of,
     carriers_of,
     pair_of,
@@ -60,8 +60,8 @@ from guidefield.kernels.jit.arrays import (
     Integers,
     TruthsOut,
 )
-from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
+from guidefield.kernels.jit.decorators import vector_kernel, vector_part, vector_step
+from guidefield.kernels.kinematics.batch_forward_kinematics import batch_placements
 from guidefield.kernels.kinematics.poses import (
     POSE,
     column_along,
@@ -82,7 +82,7 @@ and where its children are.
 """
 
 
-@lane_part
+@vector_part
 def _between(
     balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats
 ) -> tuple[float, float, float]:
@@ -92,7 +92,7 @@ def _between(
     return x - u, y - v, z - w
 
 
-@lane_part
+@vector_part
 def _balls_apart(
     balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats, margin: float
 ) -> bool:
@@ -102,15 +102,15 @@ def _balls_apart(
     return bool(x * x + y * y + z * z > reach * reach)
 
 
-@lane_part
+@vector_part
 def _begin_between(balls: Floats32, a: int, pose_a: Floats, b: int, pose_b: Floats, work: Floats) -> None:
     """Let GJK begin with the axis between the middles of two balls of bodies that are placed so (12)."""
     x, y, z = _between(balls, a, pose_a, balls, b, pose_b)
     write_axis(work, x, y, z)
 
 
-@lane_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
-def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Floats, margin: float) -> bool:
+@vector_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
+def _reaches_out(bodies: BatchBodies, a: int, pose_a: Floats, b: int, pose_b: Floats, margin: float) -> bool:
     """Tell if a ball inside a body has its middle farther than a margin from another body, by that one's cover."""
     first, last = bodies.covers[bodies.groups[b]], bodies.covers[bodies.groups[b + 1]]
     for ball in range(bodies.inners[a], bodies.inners[a + 1]):
@@ -125,8 +125,8 @@ def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Flo
     return False
 
 
-@lane_step(boolean(ALONE, int64, int64, types.float64))
-def _inner_meet(robot: LaneAlone, first: int, second: int, depth: float) -> bool:
+@vector_step(boolean(ALONE, int64, int64, types.float64))
+def _inner_meet(robot: BatchRobotTables, first: int, second: int, depth: float) -> bool:
     """Tell if a ball inside each of two bodies, placed by the scratch's poses, lie that deep in each other.
 
     Neither body may be inside the other: a mesh that swallows another doesn't touch it.
@@ -145,8 +145,8 @@ def _inner_meet(robot: LaneAlone, first: int, second: int, depth: float) -> bool
     return False
 
 
-@lane_step(boolean(ALONE, int64, int64, types.float64))
-def _pair_apart(robot: LaneAlone, first: int, second: int, margin: float) -> bool:
+@vector_step(boolean(ALONE, int64, int64, types.float64))
+def _pair_apart(robot: BatchRobotTables, first: int, second: int, margin: float) -> bool:
     """Tell if two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them.
 
     GJK begins with the axis that the scratch's `work` holds, unless that is 0.
@@ -172,8 +172,8 @@ def _pair_apart(robot: LaneAlone, first: int, second: int, margin: float) -> boo
     return True
 
 
-@lane_step(int64(ALONE, int64, int64, int64, int64, int64, types.float64))
-def judge_cell(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int, besides: float) -> int:
+@vector_step(int64(ALONE, int64, int64, int64, int64, int64, types.float64))
+def judge_cell(robot: BatchRobotTables, meeting: int, a: int, b: int, c: int, shift: int, besides: float) -> int:
     """Return the verdict on the bodies of a meeting wherever in a cell of its grid the coordinates are.
 
     a, b, c are indices of one of the smallest cells in it, its sides are 2^shift as long; `besides` is what bodies have
@@ -186,7 +186,7 @@ def judge_cell(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: in
         if numbers[n + PER_LENGTH] > 0.0:
             middle = numbers[n + LEAST] + ((index >> shift) + 0.5) * (1 << shift) / numbers[n + PER_LENGTH]
             store(scratch.middle, grids[place + SIDE * side + SOURCE] * LANES, splat(middle))
-    lane_placements(joints, scratch.middle, scratch.middle_poses)
+    batch_placements(joints, scratch.middle, scratch.middle_poses)
     first_carrier, second_carrier = carriers_of(bodies, meeting)
     one_pose(scratch.middle_poses, bodies.carrying[first_carrier], 0, scratch.pose_a)
     one_pose(scratch.middle_poses, bodies.carrying[second_carrier], 0, scratch.pose_b)
@@ -207,8 +207,8 @@ def judge_cell(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: in
 _TURN = 6.283185307179586
 
 
-@lane_step(int64(ALONE, int64, int64, int64, int64, int64))
-def _judge_largest(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int) -> int:
+@vector_step(int64(ALONE, int64, int64, int64, int64, int64))
+def _judge_largest(robot: BatchRobotTables, meeting: int, a: int, b: int, c: int, shift: int) -> int:
     """Judge one of a grid's largest cells when it is met first: as many of them together, or by itself."""
     bodies = robot.bodies
     grids, cells, place = bodies.grids, bodies.cells, GRID_PLACES * meeting
@@ -234,7 +234,7 @@ def _add_atomically(typing: Any, numbers: Any, amount: Any) -> Any:  # noqa: ARG
     return types.int64(types.CPointer(types.int32), types.int64), generate
 
 
-@lane_part
+@vector_part
 def _claim(cells: Any, amount: int, size: int) -> int:
     """Return the first of `amount` numbers of cells (size,) that no thread has; -1 if there aren't that many left.
 
@@ -246,8 +246,8 @@ def _claim(cells: Any, amount: int, size: int) -> int:
     return first if first + amount <= size else -1
 
 
-@lane_part
-def _find_verdict(robot: LaneAlone, meeting: int, chosen: int) -> int:
+@vector_part
+def _find_verdict(robot: BatchRobotTables, meeting: int, chosen: int) -> int:
     """Return the verdict on a meeting's bodies at a lane's configuration, by the smallest cell that has to be asked."""
     bodies, scratch = robot.bodies, robot.scratch
     grids, cells, places, place = bodies.grids, bodies.cells, scratch.places, GRID_PLACES * meeting
@@ -274,7 +274,7 @@ def _find_verdict(robot: LaneAlone, meeting: int, chosen: int) -> int:
         at += grids[place + SIDE + STEP] * (b >> shift & last) + grids[place + 2 * SIDE + STEP] * (c >> shift & last)
 
 
-@lane_part
+@vector_part
 def _apart_by_largest(apart: Any, start: int, places: Floats32) -> int:
     """The lanes whose largest cell keeps the bodies apart; without a branch, as most of the time is spent on memory."""
     mask = 0
@@ -284,8 +284,8 @@ def _apart_by_largest(apart: Any, start: int, places: Floats32) -> int:
     return mask
 
 
-@lane_step(int64(ALONE, int64, int64, FLOAT_POINTER))
-def left_of_cells(robot: LaneAlone, meeting: int, mask: int, coordinates: Floats32) -> int:
+@vector_step(int64(ALONE, int64, int64, FLOAT_POINTER))
+def left_of_cells(robot: BatchRobotTables, meeting: int, mask: int, coordinates: Floats32) -> int:
     """The lanes of a mask where nothing is known of a meeting's bodies by their cells, -1 if they touch in any.
 
     `coordinates` are a world's block.
@@ -324,8 +324,8 @@ CELL = GRID_SIDES + 1
 """Numbers of a cell that waits to be judged: the indices of its first smallest cell, the logarithm of its sides."""
 
 
-@lane_step(boolean(ALONE, int64, int64, INTEGER_POINTER))
-def _is_always_apart(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
+@vector_step(boolean(ALONE, int64, int64, INTEGER_POINTER))
+def _is_always_apart(robot: BatchRobotTables, meeting: int, most: int, stack: Integers) -> bool:
     """Tell if a meeting's bodies keep apart in all of its grid, as far as its cells tell; others are halved."""
     grids, place = robot.bodies.grids, GRID_PLACES * meeting
     largest, longest = grids[place + LEVELS] * grids[place + DIVIDED], 0
@@ -357,12 +357,12 @@ def _is_always_apart(robot: LaneAlone, meeting: int, most: int, stack: Integers)
 STACK = CELL * 256  # numbers of the memory for cells that wait: fewer than 8 more of each size
 
 
-@lane_kernel
+@vector_kernel
 def never_touching(words: Indices, most: int, stack: IndicesOut, never_out: TruthsOut) -> None:
     """Write for each meeting if its bodies are known to keep apart wherever their coordinates are within limits.
 
     Args:
-        words: A packed `LaneAlone`.
+        words: A packed `BatchRobotTables`.
         most: Cells judged for each meeting at most, divided by its number of pairs.
         stack: Memory, shape (STACK,).
         never_out: Shape (n_meetings,).
@@ -374,8 +374,10 @@ def never_touching(words: Indices, most: int, stack: IndicesOut, never_out: Trut
         never_out[meeting] = gridded and _is_always_apart(robot, meeting, most // (past - first), pointers(stack))
 
 
-@lane_step(int64(ALONE, int64, int64, int64, int64, int64, int64))
-def _left_of_axis(robot: LaneAlone, joint_a: int, joint_b: int, body_b: int, part_b: int, at: int, mask: int) -> int:
+@vector_step(int64(ALONE, int64, int64, int64, int64, int64, int64))
+def _left_of_axis(
+    robot: BatchRobotTables, joint_a: int, joint_b: int, body_b: int, part_b: int, at: int, mask: int
+) -> int:
     """The lanes of a mask where an axis that is fixed in the frame of one joint does not separate.
 
     `part_b` is a polytope about the second body or a piece of it, whose cover is asked first if `body_b` is not -1.
@@ -396,8 +398,8 @@ def _left_of_axis(robot: LaneAlone, joint_a: int, joint_b: int, body_b: int, par
     return int(mask)
 
 
-@lane_step(boolean(ALONE, int64, int64))
-def _surfaces_meet(robot: LaneAlone, first: int, second: int) -> bool:
+@vector_step(boolean(ALONE, int64, int64))
+def _surfaces_meet(robot: BatchRobotTables, first: int, second: int) -> bool:
     """Tell if two bodies touch where the scratch's poses have their joints."""
     bodies, surfaces, scratch = robot.bodies, robot.surfaces, robot.scratch
     surface_a, surface_b, roots = scratch.surface_a, scratch.surface_b, bodies.surface_roots
@@ -408,9 +410,9 @@ def _surfaces_meet(robot: LaneAlone, first: int, second: int) -> bool:
     )
 
 
-@lane_step(int64(ALONE, int64, int64, int64, int64, boolean, int64, int64))
+@vector_step(int64(ALONE, int64, int64, int64, int64, boolean, int64, int64))
 def _pieces_meet(
-    robot: LaneAlone, first: int, second: int, root_a: int, root_b: int, whole: bool, at: int, mask: int
+    robot: BatchRobotTables, first: int, second: int, root_a: int, root_b: int, whole: bool, at: int, mask: int
 ) -> int:
     """The lanes of a mask where two bodies are apart although two of their pieces aren't; -1 if they touch in any.
 
@@ -436,8 +438,8 @@ def _pieces_meet(
         keep_axis(parts, root_a, work, pose_a, -1.0, axes, at, scratch.pair_places)
 
 
-@lane_step(int64(ALONE, int64, int64, int64, int64))
-def _left_of_hulls(robot: LaneAlone, first: int, second: int, at: int, mask: int) -> int:
+@vector_step(int64(ALONE, int64, int64, int64, int64))
+def _left_of_hulls(robot: BatchRobotTables, first: int, second: int, at: int, mask: int) -> int:
     """The lanes of a mask where the hulls about two bodies meet, or nearly."""
     bodies, parts, scratch = robot.bodies, robot.parts, robot.scratch
     work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.pair_axes
@@ -460,8 +462,8 @@ def _left_of_hulls(robot: LaneAlone, first: int, second: int, at: int, mask: int
             left |= 1 << chosen
 
 
-@lane_step(boolean(ALONE, int64, int64))
-def pair_meets(robot: LaneAlone, pair: int, mask: int) -> bool:
+@vector_step(boolean(ALONE, int64, int64))
+def pair_meets(robot: BatchRobotTables, pair: int, mask: int) -> bool:
     """Tell if the bodies of a pair touch in any lane of a mask."""
     bodies, scratch = robot.bodies, robot.scratch
     poses, bounds, pieces, roots = scratch.poses, bodies.piece_bounds, bodies.pieces, bodies.piece_roots

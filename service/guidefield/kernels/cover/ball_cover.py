@@ -2,7 +2,7 @@
 
 An element is a small body, such as some triangles, that is in a ball if its corners are; 64 stand in a word of bits, as
 in `geometry/cover.py`, whose proofs rest on `contained` and `reaches`; another greedy choice makes another cover. Also
-spread and extents of clusters of triangles, for `lanes/surface_tables.py`. Rows (n, 4) are centre and radius [m].
+spread and extents of clusters of triangles, for `batch/surface_tables.py`. Rows (n, 4) are centre and radius [m].
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from guidefield.kernels.jit.arrays import (
     RowsOut,
     SinglesOut,
 )
-from guidefield.kernels.jit.decorators import exact_kernel, inlined, inner_kernel, kernel, lane_part, uncounted
+from guidefield.kernels.jit.decorators import exact_kernel, inlined, inner_kernel, kernel, uncounted, vector_part
 from guidefield.kernels.simd.packing import AROUND, BLOCK
 from guidefield.kernels.simd.vector import LANES
 
@@ -149,7 +149,7 @@ def sort_for_tree(points: RowsOut) -> None:
 
 @kernel
 def fill_tree(points: Rows, firsts: Indices, points_out: SinglesOut, boxes_out: SinglesOut) -> None:
-    """Write sorted points (n, 3) as `point_tree.LaneCloud` has them: (BLOCK * blocks,), boxes (AROUND * blocks,)."""
+    """Write sorted points (n, 3) as `point_tree.BatchCloud` has them: (BLOCK * blocks,), boxes (AROUND * blocks,)."""
     count, size = points.shape[0], boxes_out.shape[0]
     for at in range(0, size, AROUND):
         boxes_out[at : at + AROUND // 2] = np.float32(math.inf)
@@ -169,14 +169,14 @@ def fill_tree(points: Rows, firsts: Indices, points_out: SinglesOut, boxes_out: 
             block //= LANES
 
 
-@lane_part
+@vector_part
 def _empty(box: Floats) -> None:
     """Make a box (6,) empty: from plus to minus infinity."""
     for k in range(3):
         box[k], box[3 + k] = math.inf, -math.inf
 
 
-@lane_part
+@vector_part
 def _add(box: Floats, other: Floats) -> None:
     """Widen a box (6,) to hold another one."""
     for k in range(3):
@@ -281,7 +281,7 @@ def overlaps_in_tree(
     return count
 
 
-@lane_part
+@vector_part
 def _spread_bits(cell: int) -> int:
     cell = (cell | cell << 32) & 0x001F00000000FFFF
     cell = (cell | cell << 16) & 0x001F0000FF0000FF

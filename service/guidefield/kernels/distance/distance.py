@@ -116,7 +116,7 @@ class DistanceTables(NamedTuple):
     anchors: Rows
     nodes: Rows  # tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m]
     surfaces: SurfaceTables  # triangles of all surfaces
-    clouds: Indices  # address of the words of each body's `point_tree.LaneCloud`, 0 of all that are none, shape (n,)
+    clouds: Indices  # address of the words of each body's `point_tree.BatchCloud`, 0 of all that are none, shape (n,)
 
 
 TABLES = numba_type(DistanceTables)

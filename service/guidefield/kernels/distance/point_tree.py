@@ -16,7 +16,7 @@ from numba import boolean, float64, int64, types
 from numba.extending import intrinsic
 
 from guidefield.kernels.jit.arrays import INTEGER_POINTER, Floats32, Indices, Singles, SinglesOut, numba_type
-from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_part, vector_step
 from guidefield.kernels.simd.packing import AROUND, BLOCK, point_at, pointed, points_at, unpacked
 from guidefield.kernels.simd.vector import (
     ALL_LANES,
@@ -38,7 +38,7 @@ CELL, PER_LENGTH, LOW, HIGH, RADIUS = 3, 4, 5, 8, 11  # their places
 NOWHERE = 1e30  # coordinate of points that fill up the last sixteen [m]
 
 
-class LaneCloud(NamedTuple):
+class BatchCloud(NamedTuple):
     """A cloud of balls, in the world [m]."""
 
     levels: int  # levels of boxes; the highest has one block of sixteen
@@ -56,10 +56,10 @@ class LaneCloud(NamedTuple):
     cells: SinglesOut
 
 
-LANE_CLOUD = numba_type(LaneCloud)
-CLOUD_TABLES = pointed(LANE_CLOUD)
+BATCH_CLOUD = numba_type(BatchCloud)
+CLOUD_TABLES = pointed(BATCH_CLOUD)
 
-cloud_of = unpacked(LANE_CLOUD)  # makes a cloud of its words
+cloud_of = unpacked(BATCH_CLOUD)  # makes a cloud of its words
 
 
 @intrinsic
@@ -83,7 +83,7 @@ def _only(typing: Any, mask: Any, value: Any, otherwise: Any) -> Any:
     return f32x16(types.int64, f32x16, f32x16), generate
 
 
-@lane_part
+@vector_part
 def _box_gaps(boxes: Floats32, block: int, x: float, y: float, z: float) -> Vector:
     """Squares of the distances of a point to sixteen boxes [m^2]."""
     zero = splat(0.0)
@@ -95,7 +95,7 @@ def _box_gaps(boxes: Floats32, block: int, x: float, y: float, z: float) -> Vect
     return dx * dx + dy * dy + dz * dz
 
 
-@lane_part
+@vector_part
 def point_gaps(points: Floats32, block: int, x: float, y: float, z: float) -> Vector:
     """Return the squared distances of a point to the sixteen points of a block, (BLOCK * blocks,) [m^2]."""
     px, py, pz = points_at(points, block * BLOCK)
@@ -103,8 +103,8 @@ def point_gaps(points: Floats32, block: int, x: float, y: float, z: float) -> Ve
     return dx * dx + dy * dy + dz * dz
 
 
-@lane_step(int64(CLOUD_TABLES, int64, float64, float64, float64, float64))
-def next_block(cloud: LaneCloud, after: int, x: float, y: float, z: float, reach: float) -> int:
+@vector_step(int64(CLOUD_TABLES, int64, float64, float64, float64, float64))
+def next_block(cloud: BatchCloud, after: int, x: float, y: float, z: float, reach: float) -> int:
     """Return the next sixteen points after some, -1 at first, with any within reach of a point [m].
 
     -1 if there are none.
@@ -142,8 +142,8 @@ def next_block(cloud: LaneCloud, after: int, x: float, y: float, z: float, reach
         block >>= 4
 
 
-@lane_step(int64(CLOUD_TABLES, float64, float64, float64, float64))
-def nearest_point(cloud: LaneCloud, x: float, y: float, z: float, cutoff: float) -> int:
+@vector_step(int64(CLOUD_TABLES, float64, float64, float64, float64))
+def nearest_point(cloud: BatchCloud, x: float, y: float, z: float, cutoff: float) -> int:
     """The point of the cloud nearest to a point: where its x stands in `points`; -1 if none is nearer than a cutoff.
 
     Args:
@@ -177,16 +177,16 @@ def nearest_point(cloud: LaneCloud, x: float, y: float, z: float, cutoff: float)
             best, found = least, child * BLOCK + first_lane(ALL_LANES & ~below(splat(least), gaps))
 
 
-@lane_step(float64(CLOUD_TABLES, float64, float64, float64))
-def nearest_distance(cloud: LaneCloud, x: float, y: float, z: float) -> float:
+@vector_step(float64(CLOUD_TABLES, float64, float64, float64))
+def nearest_distance(cloud: BatchCloud, x: float, y: float, z: float) -> float:
     """Return the distance of a point to the nearest of the cloud's [m]."""
     px, py, pz = point_at(cloud.points, nearest_point(cloud, x, y, z, 1e15))
     dx, dy, dz = x - px, y - py, z - pz
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@lane_step(boolean(CLOUD_TABLES, float64, float64, float64, float64))
-def _beyond(cloud: LaneCloud, x: float, y: float, z: float, reach: float) -> bool:
+@vector_step(boolean(CLOUD_TABLES, float64, float64, float64, float64))
+def _beyond(cloud: BatchCloud, x: float, y: float, z: float, reach: float) -> bool:
     """Tell if a point is farther than a reach from all points of a cloud, by its cell of the grid."""
     n = cloud.numbers
     size, per = float(n[CELL]), float(n[PER_LENGTH])
@@ -203,14 +203,14 @@ def _beyond(cloud: LaneCloud, x: float, y: float, z: float, reach: float) -> boo
     return bool(known - off > reach + 1e-6)
 
 
-@lane_step(boolean(int64, float64, float64, float64, float64))
+@vector_step(boolean(int64, float64, float64, float64, float64))
 def cloud_beyond(address: int, x: float, y: float, z: float, reach: float) -> bool:
     """Tell if a point in a cloud's frame is certain to be farther than a reach from all its balls [m]."""
     cloud = cloud_of(words_at(address))
     return bool(_beyond(cloud, x, y, z, reach + cloud.numbers[RADIUS]))
 
 
-@lane_step(types.UniTuple(float64, 4)(int64, float64, float64, float64, float64))
+@vector_step(types.UniTuple(float64, 4)(int64, float64, float64, float64, float64))
 def cloud_distance(address: int, x: float, y: float, z: float, cutoff: float) -> tuple[float, float, float, float]:
     """Return the signed distance of a point to the nearest ball of a cloud [m], and the vector along which it grows.
 

@@ -41,7 +41,7 @@ from guidefield.kernels.simd.vector import (
     total,
 )
 
-Lanes3 = tuple[Vector, Vector, Vector]  # points or axes, by coordinate
+BatchVector3 = tuple[Vector, Vector, Vector]  # points or axes, by coordinate
 
 SquareAndDirection = tuple[Vector, Vector, Vector, Vector]
 """Distances of points: the square of the distance, negative inside [m²], and a vector (3) along which the distance
@@ -63,7 +63,7 @@ _TINY = 1e-300  # added to what may be zero and is divided by
 
 @uncounted
 def signed_distance_of_each(
-    p: Lanes3, candidates: Integers, count: int, tables: DistanceTables, cutoff: float, scratch: Floats
+    p: BatchVector3, candidates: Integers, count: int, tables: DistanceTables, cutoff: float, scratch: Floats
 ) -> Signed:
     """Return signed distances [m] of points to the nearest of the first `count` candidates (bodies,), and unit vectors.
 
@@ -88,7 +88,9 @@ def _make_signed(signed_square: Vector, ax: Vector, ay: Vector, az: Vector) -> S
 
 
 @uncounted
-def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> SquareAndDirection:
+def _away_from_body(
+    p: BatchVector3, body: int, tables: DistanceTables, best: Vector, scratch: Floats
+) -> SquareAndDirection:
     """Signed square and direction from one body; where it isn't nearer than `best`, the values mean nothing."""
     T, nothing = tables.placements[body], 0.0 * p[0]
     q = moved_back_by(T, p[0], p[1], p[2])
@@ -123,7 +125,7 @@ def _away(d: Vector, nx: Vector, ny: Vector, nz: Vector) -> SquareAndDirection:
 
 
 @uncounted
-def _gap_squared(p: Lanes3, box: Floats) -> Vector:
+def _gap_squared(p: BatchVector3, box: Floats) -> Vector:
     """Square of the distance from points to a box, lower then upper corner, shape (6,); 0 inside [m²]."""
     dx = largest_of(largest_of(box[0] - p[0], p[0] - box[3]), 0.0)
     dy = largest_of(largest_of(box[1] - p[1], p[1] - box[4]), 0.0)
@@ -132,7 +134,7 @@ def _gap_squared(p: Lanes3, box: Floats) -> Vector:
 
 
 @uncounted
-def _away_from_box(p: Lanes3, half: Floats) -> SquareAndDirection:
+def _away_from_box(p: BatchVector3, half: Floats) -> SquareAndDirection:
     """`distance.box_distance` of points."""
     ex, ey, ez = magnitude(p[0]) - half[0], magnitude(p[1]) - half[1], magnitude(p[2]) - half[2]
     ox, oy, oz = largest_of(ex, 0.0), largest_of(ey, 0.0), largest_of(ez, 0.0)
@@ -154,7 +156,7 @@ def _with_sign(length: Vector, by: Vector) -> Vector:
 
 
 @uncounted
-def _away_from_cylinder(p: Lanes3, size: Floats) -> SquareAndDirection:
+def _away_from_cylinder(p: BatchVector3, size: Floats) -> SquareAndDirection:
     """`distance.cylinder_distance`, of its radius and half its length."""
     rho = root(p[0] * p[0] + p[1] * p[1])
     over = 1.0 / largest_of(rho, _TINY)
@@ -172,7 +174,7 @@ def _away_from_cylinder(p: Lanes3, size: Floats) -> SquareAndDirection:
 
 
 @uncounted
-def _away_from_capsule(p: Lanes3, size: Floats) -> SquareAndDirection:
+def _away_from_capsule(p: BatchVector3, size: Floats) -> SquareAndDirection:
     """`distance.capsule_distance`, of its radius and half its length."""
     z = p[2] - largest_of(smallest_of(p[2], size[1]), -size[1])
     distance = root(p[0] * p[0] + p[1] * p[1] + z * z)
@@ -181,7 +183,7 @@ def _away_from_capsule(p: Lanes3, size: Floats) -> SquareAndDirection:
 
 
 @uncounted
-def _away_from_sheet(p: Lanes3, body: int, tables: DistanceTables) -> SquareAndDirection:
+def _away_from_sheet(p: BatchVector3, body: int, tables: DistanceTables) -> SquareAndDirection:
     """`triangle_distance.surface_distance` of a sheet whose triangles are in one leaf."""
     surfaces, first, count = tables.surfaces, tables.spans[body, 2], tables.spans[body, 3]
     bx, by, bz = _away_from_triangle(p, surfaces.corners[first])
@@ -202,7 +204,7 @@ def _away_from_sheet(p: Lanes3, body: int, tables: DistanceTables) -> SquareAndD
 
 
 @uncounted
-def _away_from_triangle(p: Lanes3, corner: Floats) -> Lanes3:
+def _away_from_triangle(p: BatchVector3, corner: Floats) -> BatchVector3:
     """From the closest point of a triangle (9,): of its face where points are over it, else of its nearest edge."""
     ax, ay, az = p[0] - corner[0], p[1] - corner[1], p[2] - corner[2]
     ux, uy, uz, wx, wy, wz = corner[3], corner[4], corner[5], corner[6], corner[7], corner[8]
@@ -238,7 +240,9 @@ def _square(x: Vector, y: Vector, z: Vector) -> Vector:
 
 
 @uncounted
-def _find_nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best: Vector, scratch: Floats) -> None:
+def _find_nearest_triangles(
+    p: BatchVector3, surfaces: SurfaceTables, span: Span, best: Vector, scratch: Floats
+) -> None:
     """Write the nearest triangle of a tree to each point, where it is nearer than the best so far, else -1.
 
     Args:
@@ -280,7 +284,7 @@ def _find_nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best
 
 @uncounted
 def _away_from_surface(
-    p: Lanes3, gap: Vector, body: int, tables: DistanceTables, best: Vector, scratch: Floats
+    p: BatchVector3, gap: Vector, body: int, tables: DistanceTables, best: Vector, scratch: Floats
 ) -> SquareAndDirection:
     """`distance.body_distance`; infinite where it isn't below the best, the square of a signed distance.
 
@@ -312,7 +316,9 @@ def _away_from_surface(
 
 
 @uncounted
-def _away_from_cloud(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> SquareAndDirection:
+def _away_from_cloud(
+    p: BatchVector3, body: int, tables: DistanceTables, best: Vector, scratch: Floats
+) -> SquareAndDirection:
     """`cloud_distance` of each point in the frame of a cloud; infinite where it isn't below the best."""
     distance = root(magnitude(best))
     store(scratch, 0, p[0])

@@ -1,4 +1,4 @@
-"""Fields of charged boxes, capsules, spheres and planes in closed form, at lanes of points.
+"""Fields of charged boxes, capsules, spheres and planes in closed form, at SIMD batches of points.
 
 A box is six rectangles that share eight distances, one arctangent each. Where all lanes are `FAR` all faces are flat to
 them and nothing can cancel, so that the shorter forms serve.
@@ -21,11 +21,11 @@ _ON_AXIS = 1e-24
 _ON_AXIS_SINGLE = 1e-10
 """Square of the distance from a capsule's axis, over its size and the point's distance, that counts as none."""
 
-Lane = Any  # a number, or lanes of them
+Numeric = Any  # a number, or a vector of them
 
 
 @inlined
-def winding_behind(height: Lane) -> Lane:
+def winding_behind(height: Numeric) -> Numeric:
     """Winding number of a closed surface at a signed distance from it: 1 inside, 1/2 on it, 0 outside."""
     return select(height < 0.0, 1.0, select(height > 0.0, 0.0, 0.5 + 0.0 * height))
 
@@ -40,8 +40,8 @@ def _across(u: Vector3) -> Vector3:
 
 @inlined
 def _tube(
-    z1: Lane, z2: Lane, b2: Lane, i1: Lane, i2: Lane, R1: Lane, R2: Lane, radius: float
-) -> tuple[Lane, Lane, Lane]:
+    z1: Numeric, z2: Numeric, b2: Numeric, i1: Numeric, i2: Numeric, R1: Numeric, R2: Numeric, radius: float
+) -> tuple[Numeric, Numeric, Numeric]:
     """Tube with ends at axial coordinates z1 <= z2 from the point: potential, axial slope, radial slope over rho.
 
     With b2 = rho^2 - a^2, R_i^2 = z_i^2 + b2 and i_i = 1/R_i the potential is (2 pi a/b2) (z2/R2 - z1/R1). Beyond an
@@ -66,7 +66,7 @@ def _tube(
 
 
 @inlined
-def _half_sphere(rr: Lane, i: Lane, radius: float) -> tuple[Lane, Lane]:
+def _half_sphere(rr: Numeric, i: Numeric, radius: float) -> tuple[Numeric, Numeric]:
     """Half a charged sphere's field outside, from r^2 and i = 1/sqrt(r^2 - a^2): potential, slope over r."""
     j = inverse_root(rr)
     square = i * i * j * j
@@ -76,8 +76,8 @@ def _half_sphere(rr: Lane, i: Lane, radius: float) -> tuple[Lane, Lane]:
 
 @inlined
 def _capsule(
-    p: tuple[Lane, Lane, Lane], p0: Vector3, p1: Vector3, radius: float
-) -> tuple[Lane, Lane, Lane, Lane, Lane]:
+    p: tuple[Numeric, Numeric, Numeric], p0: Vector3, p1: Vector3, radius: float
+) -> tuple[Numeric, Numeric, Numeric, Numeric, Numeric]:
     """Potential, gradient (3) and the distance from the axis segment."""
     ax, ay, az = p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]
     length = math.sqrt(ax * ax + ay * ay + az * az)
@@ -147,7 +147,7 @@ def capsule_at(
 
 @inlined
 def sphere_at(p: Any, centre: Vector3, radius: float) -> Six:
-    """Return the field of a sphere (a shell) of unit charge per area at a point, numbers or lanes [m].
+    """Return the field of a sphere (a shell) of unit charge per area at a point, numbers or vectors [m].
 
     The potential is 4 pi a^2 / (r (r^2 - a^2)) outside and 4 pi a / (a^2 - r^2) inside, where the field is finite and
     pushes towards the centre, as that of a closed mesh does. The curvature is its second derivative along the radius,

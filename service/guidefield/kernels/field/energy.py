@@ -35,7 +35,7 @@ from guidefield.kernels.jit.arrays import (
 from guidefield.kernels.jit.decorators import compiled, inlined, optimized
 from guidefield.kernels.kinematics.forward_kinematics import JOINTS, JointTable, joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.simd.vector import lanes_of, load, select, store, total
+from guidefield.kernels.simd.vector import lane_count, load, select, store, total
 
 
 @inlined
@@ -219,7 +219,7 @@ def _field_forces(
     robot: Any, points: Any, weights: Any, field: Any, counting: Any, wrenches: Any, inertias: Any
 ) -> Any:
     """The scene's field on the moving points, gathered joint by joint; their potential."""
-    count, step = robot.points.shape[0], lanes_of(weights)
+    count, step = robot.points.shape[0], lane_count(weights)
     x, y, z = points[0], points[1], points[2]
     phi, gx, gy, gz, curvature = field[0], field[1], field[2], field[3], field[4]
     lane = load(counting, 0)
@@ -265,7 +265,7 @@ def _repulsion(
     zero = 0.0 * lane
     sums = nothing(zero)
     U = zero
-    for i in range(first, past, lanes_of(weights)):
+    for i in range(first, past, lane_count(weights)):
         X, Y, Z, within = load(x, i), load(y, i), load(z, i), lane < past - i
         w = select(within, load(weights, i), 0.0)
         phi, gx, gy, gz = capsule_at(X, Y, Z, a0, a1, a2, b0, b1, b2, radius)
@@ -295,7 +295,7 @@ def forces(
     """
     kind, counting = tables.boxes.dtype, _counting(tables)
     # A vector may begin at the last point.
-    lanes = robot.points.shape[0] + lanes_of(counting) - 1
+    lanes = robot.points.shape[0] + lane_count(counting) - 1
     points, weights = np.empty((3, lanes), kind), np.empty(lanes, kind)
     _place(joints, robot, tables.origin, q, world_out, points, weights)
     field = np.zeros((6, lanes), kind)
@@ -336,7 +336,7 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
     """Potential U alone of a robot at a configuration q, shape (nq,) [m]; as descents ask for it."""
     count = robot.points.shape[0]
     kind, counting = tables.boxes.dtype, _counting(tables)
-    step, lane = lanes_of(counting), load(counting, 0)
+    step, lane = lane_count(counting), load(counting, 0)
     lanes = count + step - 1
     world, points, weights = (
         np.empty((joints.parents.shape[0], 3, 4)),
@@ -418,7 +418,7 @@ def _between(
     lane = load(counting, 0)
     zero = 0.0 * lane
     fx, fy, fz, mx, my, mz = zero, zero, zero, zero, zero, zero
-    for i in range(first, past, lanes_of(counting)):
+    for i in range(first, past, lane_count(counting)):
         X, Y, Z = load(x, i), load(y, i), load(z, i)
         w = select(lane < past - i, load(weights, i), 0.0)
         _, gx, gy, gz = capsule_at(X, Y, Z, ax, ay, az, bx, by, bz, robot.capsules[c, CAPSULE_RADIUS])

@@ -1,4 +1,4 @@
-"""Charged triangles and convex quadrilaterals of a block of faces that share corners; lanes of points.
+"""Charged triangles and convex quadrilaterals of a block of faces that share corners; SIMD batches of points.
 
 Source: J.-H. Chuang, Potential-based modeling of three-dimensional workspace for obstacle avoidance, IEEE Trans.
 Robotics and Automation, 1998. With a_i the vector from the point to a triangle's corner i, l_i its length, S their sum,
@@ -106,7 +106,7 @@ def _angle(h: Any, B: Any, R: Any) -> tuple[Any, Any, Any, Any]:
 
 @inlined
 def steep_pair(h: Any, F1: Any, F2: Any, a1: Any, a2: Any) -> tuple[Any, Any, Any, Any]:
-    """`pair_field` of any lanes, from a positive height."""
+    """`pair_field` of any vectors, from a positive height."""
     aahh = (a1 * a2) * (h * h)
     B = a1 * F2 + a2 * F1
     N1 = F1 * F1 + (a1 * a1) * (h * h)
@@ -120,7 +120,7 @@ def steep_pair(h: Any, F1: Any, F2: Any, a1: Any, a2: Any) -> tuple[Any, Any, An
 
 @inlined
 def flat_pair(hh: Any, F1: Any, F2: Any, a1: Any, a2: Any) -> tuple[Any, Any, Any, Any]:
-    """`pair_field` of lanes to which the face is flat, from the square of the height, which may vanish."""
+    """`pair_field` of points to which the face is flat, from the square of the height, which may vanish."""
     aa = a1 * a2
     B = a1 * F2 + a2 * F1
     N1 = F1 * F1 + (a1 * a1) * hh

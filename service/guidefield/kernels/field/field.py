@@ -34,7 +34,7 @@ from guidefield.kernels.field.faces import (
 )
 from guidefield.kernels.jit.arrays import FLOATS_OUT, MATRIX, MATRIX_OUT, Floats, IndexRows, Row, Rows, numba_type
 from guidefield.kernels.jit.decorators import compiled, inlined
-from guidefield.kernels.simd.vector import every, inverse_root, lanes_of, load, store
+from guidefield.kernels.simd.vector import every, inverse_root, lane_count, load, store
 
 TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS  # plane, then halves: see faces.py
 
@@ -385,7 +385,7 @@ def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
     origin [m]; the field is potential [1/m], gradient (3) [1/m^2], curvature [1/m^3] and winding number.
     """
     x, y, z = points[0], points[1], points[2]
-    step = lanes_of(x)
+    step = lane_count(x)
     scratch = _aligned(np.empty((4 * _largest_block(t.links) + 1) * step, points.dtype))
     for i in range(first, points.shape[1] - step + 1, step):
         p = (load(x, i), load(y, i), load(z, i))
@@ -398,7 +398,7 @@ def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
 def add_potential(t: Any, points: Any, first: int, potential_out: Any) -> None:
     """`add_field` for the potential alone, shape (n,), in half the time; as descents ask for it."""
     x, y, z = points[0], points[1], points[2]
-    step = lanes_of(x)
+    step = lane_count(x)
     scratch = _aligned(np.empty((_largest_block(t.links) + 1) * step, points.dtype))
     for i in range(first, points.shape[1] - step + 1, step):
         p = (load(x, i), load(y, i), load(z, i))

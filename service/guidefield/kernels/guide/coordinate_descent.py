@@ -55,7 +55,7 @@ class SweepRoom(NamedTuple):
     forces: Floats  # on each link [1], and torques about the joint before it [m], shapes (links, 3)
     torques: Floats
     end: Floats  # `end_force`, shape (3,)
-    counting: Any  # 0, 1, 2 .. in lanes
+    counting: Any  # 0, 1, 2 .. in a vector
 
 
 @inlined

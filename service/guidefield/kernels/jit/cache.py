@@ -243,7 +243,7 @@ def _is_kernel(node: ast.FunctionDef) -> bool:
     return any(isinstance(one, ast.Name) and one.id in _KERNELS for one in decorators)
 
 
-_KERNELS = ("kernel", "compiled", "inner_kernel", "exact_kernel", "lane_kernel", "lane_step")  # their decorators
+_KERNELS = ("kernel", "compiled", "inner_kernel", "exact_kernel", "vector_kernel", "vector_step")  # their decorators
 _KEPT = re.compile(rf"^@(?:{'|'.join(_KERNELS)})\b", re.MULTILINE)
 
 _WHOLE, _WANTED = "whole", "wanted"  # in a folder: all of its machine code is there; somebody waits for it

@@ -124,7 +124,7 @@ inner_kernel = _decorate_kernels(fastmath=FASTMATH, no_cpython_wrapper=True)
 # Numbers are the same wherever they stand in an array.
 exact_kernel = _decorate_kernels()
 # Kernels of SIMD batches.
-lane_kernel = _decorate_kernels(fastmath=CONTRACT)
+vector_kernel = _decorate_kernels(fastmath=CONTRACT)
 
 
 def compiled(signatures: Any) -> Callable[[Kernel], Kernel]:
@@ -132,7 +132,7 @@ def compiled(signatures: Any) -> Callable[[Kernel], Kernel]:
     return make_kernel(signatures, fastmath=FASTMATH)
 
 
-def lane_step(signature: Any) -> Callable[[Kernel], Kernel]:
+def vector_step(signature: Any) -> Callable[[Kernel], Kernel]:
     """Decorator of kernels of SIMD batches, on pointers, that only kernels call."""
     return make_kernel(signature, fastmath=CONTRACT, no_cpython_wrapper=True)
 
@@ -141,10 +141,10 @@ inlined = _decorate_parts(fastmath=FASTMATH)
 # Of a loop that is a fifth slower where it is optimised within its caller only.
 optimized = _decorate_parts(optimized=True, fastmath=FASTMATH)
 exact_part = _decorate_parts()
-lane_part = _decorate_parts(fastmath=CONTRACT)
+vector_part = _decorate_parts(fastmath=CONTRACT)
 # Parts that neither make nor return arrays, or are only called from such parts: counting references of named tuples of
 # fifty arrays takes a quarter of a microsecond a call. What is called from them inherits that; what makes arrays there
 # is `counted`.
 uncounted = _decorate_parts(counting=False, fastmath=FASTMATH)
 counted = _decorate_parts(counting=True, fastmath=FASTMATH)
-lane_uncounted = _decorate_parts(counting=False, fastmath=CONTRACT)
+vector_uncounted = _decorate_parts(counting=False, fastmath=CONTRACT)

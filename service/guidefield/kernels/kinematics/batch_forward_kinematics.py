@@ -1,6 +1,6 @@
 """Forward kinematics of sixteen configurations at once, in float32, from tables: one kernel for every robot.
 
-`collision/lanes/robot_tables.py` writes the tables: kinds, forms and columns have to be the same there. Numbers are off
+`collision/batch/robot_tables.py` writes the tables: kinds, forms and columns have to be the same there. Numbers are off
 by less than `DECISION_BAND` of `kernels/collide/layout.py`; collision tests rely on that.
 """
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from numba import int64, void
 
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, Indices, Singles, numba_type
-from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_part, vector_step
 from guidefield.kernels.kinematics.poses import POSE, ROW, moved_row
 from guidefield.kernels.simd.packing import pointed, points_at
 from guidefield.kernels.simd.rotations import cosine_and_sine, quaternion_of_vector
@@ -30,7 +30,7 @@ MULTIPLIER, OFFSET, QUATERNION, JOINT = 12, 13, 12, 16
 or the quaternion (x, y, z, w) that its rotation vector starts from; then how many numbers there are."""
 
 
-class LaneJoints(NamedTuple):
+class BatchJoints(NamedTuple):
     """Joints, parents before children; row 0 is the world, which never moves."""
 
     size: int  # n
@@ -43,17 +43,17 @@ class LaneJoints(NamedTuple):
     numbers: Singles
 
 
-LANE_JOINTS = numba_type(LaneJoints)
-JOINTS = pointed(LANE_JOINTS)
+BATCH_JOINTS = numba_type(BatchJoints)
+JOINTS = pointed(BATCH_JOINTS)
 
 
-@lane_step(void(FLOAT_POINTER))
+@vector_step(void(FLOAT_POINTER))
 def _place_world(poses_out: Floats32) -> None:
     for entry in range(12):
         store(poses_out, entry * LANES, splat(1.0 if entry in (0, 5, 10) else 0.0))
 
 
-@lane_part
+@vector_part
 def row_after(a: Any, b: Any, c: Any, t: Any, fixed: Any, at: int) -> tuple[Any, Any, Any, Any]:
     """A row of placements, rotation and translation, with a fixed placement after them, whose numbers begin there."""
     return (
@@ -64,26 +64,26 @@ def row_after(a: Any, b: Any, c: Any, t: Any, fixed: Any, at: int) -> tuple[Any,
     )
 
 
-@lane_part
+@vector_part
 def row_turned(a: Any, b: Any, c: Any, s: Any) -> tuple[Any, Any]:
     """The first two numbers of a row of rotations turned about z, by cosine and sine."""
     return a * c + b * s, b * c - a * s
 
 
-@lane_part
+@vector_part
 def row_times(a: Any, b: Any, c: Any, R: Any) -> tuple[Any, Any, Any]:
     """A row of rotations times rotations, which are given row by row."""
     return a * R[0] + b * R[3] + c * R[6], a * R[1] + b * R[4] + c * R[7], a * R[2] + b * R[5] + c * R[8]
 
 
-@lane_part
+@vector_part
 def _row_at(poses: Floats32, row: int, numbers: Floats32, base: int) -> tuple[Vector, Vector, Vector, Vector]:
     """The row of a joint's placements before it moves, whose parent's has its row there."""
     p0, p1, p2 = points_at(poses, row)
     return row_after(p0, p1, p2, load(poses, row + 3 * LANES), numbers, base)
 
 
-@lane_part
+@vector_part
 def _write_row(poses_out: Floats32, row: int, r0: Vector, r1: Vector, r2: Vector, t: Vector) -> None:
     """Write a row of placements: of their rotations, and their translation's number."""
     store(poses_out, row, r0)
@@ -92,7 +92,7 @@ def _write_row(poses_out: Floats32, row: int, r0: Vector, r1: Vector, r2: Vector
     store(poses_out, row + 3 * LANES, t)
 
 
-@lane_part
+@vector_part
 def _place_grounded(
     turning: bool, numbers: Floats32, base: int, value: Vector, c: Vector, s: Vector, poses_out: Floats32, here: int
 ) -> None:
@@ -106,7 +106,7 @@ def _place_grounded(
             _write_row(poses_out, row, splat(n0), splat(n1), n2, value * numbers[at + 2] + t)
 
 
-@lane_part
+@vector_part
 def _place_square(
     numbers: Floats32, base: int, c: Vector, s: Vector, poses_out: Floats32, here: int, there: int
 ) -> None:
@@ -119,7 +119,7 @@ def _place_square(
         _write_row(poses_out, here + r * ROW, along, across, -p1, t)
 
 
-@lane_part
+@vector_part
 def _place_parallel(
     numbers: Floats32, base: int, c: Vector, s: Vector, poses_out: Floats32, here: int, there: int
 ) -> None:
@@ -132,7 +132,7 @@ def _place_parallel(
         _write_row(poses_out, here + r * ROW, along, across, p2, t)
 
 
-@lane_part
+@vector_part
 def _place_plain(
     turning: bool,
     numbers: Floats32,
@@ -151,7 +151,7 @@ def _place_plain(
         _write_row(poses_out, here + r * ROW, along, across, r2, t if turning else t + r2 * value)
 
 
-@lane_part
+@vector_part
 def rotation_of(x: Any, y: Any, z: Any, w: Any) -> tuple[Vector, ...]:
     """The rotation of unit quaternions, row by row."""
     return (
@@ -167,7 +167,7 @@ def rotation_of(x: Any, y: Any, z: Any, w: Any) -> tuple[Vector, ...]:
     )
 
 
-@lane_part
+@vector_part
 def _turn(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple[Vector, ...]:
     """Rotation, row by row, of a joint that turns about a point: that it starts from, then its rotation vector's."""
     vx, vy, vz = points_at(coordinates, at)
@@ -182,8 +182,8 @@ def _turn(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple
     )
 
 
-@lane_step(void(JOINTS, int64, FLOAT_POINTER, FLOAT_POINTER))
-def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Floats32) -> None:
+@vector_step(void(JOINTS, int64, FLOAT_POINTER, FLOAT_POINTER))
+def _place_free(joints: BatchJoints, i: int, coordinates: Floats32, poses_out: Floats32) -> None:
     """Write the placement of a joint with several degrees of freedom, whose parent's is there."""
     numbers, base, at = joints.numbers, i * JOINT, joints.sources[i] * LANES
     here, there, kind = i * POSE, joints.parents[i] * POSE, joints.kinds[i]
@@ -205,8 +205,8 @@ def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Fl
         _write_row(poses_out, here + r * ROW, p0, p1, p2, t + r0 * x + r1 * y + r2 * z)
 
 
-@lane_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))
-def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
+@vector_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))
+def batch_placements(joints: BatchJoints, coordinates: Floats32, poses_out: Floats32) -> None:
     """Write world placements (n * POSE,) of all joints at sixteen configurations, `coordinates` (nv * 16,) [rad or m].
 
     Rotation vectors are shorter than a full turn; `poses_out` is all 0 or of an earlier call, as the world stays.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from guidefield.kernels.jit.arrays import Floats, Floats32, Vector3
-from guidefield.kernels.jit.decorators import inlined, lane_part
+from guidefield.kernels.jit.decorators import inlined, vector_part
 from guidefield.kernels.simd.vector import LANES, Vector, load
 
 POSE = 12 * LANES  # floats of sixteen poses: each of the twelve numbers in sixteen lanes
@@ -47,7 +47,7 @@ def moved_back_by(T: Floats, x: float, y: float, z: float) -> Vector3:
     )
 
 
-@lane_part
+@vector_part
 def apply_pose(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
     """Return where a pose (12,) has a point, or sixteen of them [m]."""
     return (
@@ -57,7 +57,7 @@ def apply_pose(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
     )
 
 
-@lane_part
+@vector_part
 def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
     """Write rotation of a pose (12,) times three numbers of `source` (n,) to `target` (m,), from an index on each."""
     x, y, z = source[start], source[start + 1], source[start + 2]
@@ -65,7 +65,7 @@ def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: i
         target[at + r] = pose[4 * r] * x + pose[4 * r + 1] * y + pose[4 * r + 2] * z
 
 
-@lane_part
+@vector_part
 def write_product(pose: Floats, frames: Floats, start: int, target: Floats, at: int) -> None:
     """Write the pose of a frame, twelve numbers of `frames` (n,), in one with a pose (12,), to `target` (m,)."""
     for r in range(3):
@@ -76,7 +76,7 @@ def write_product(pose: Floats, frames: Floats, start: int, target: Floats, at: 
             target[at + 4 * r + c] = total
 
 
-@lane_part
+@vector_part
 def turned_back(pose: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The inverse rotation of a pose (12,) times three numbers."""
     return (
@@ -86,53 +86,53 @@ def turned_back(pose: Floats, x: float, y: float, z: float) -> tuple[float, floa
     )
 
 
-@lane_part
+@vector_part
 def write_identity(pose_out: Floats) -> None:
     """Write the pose (12,) that leaves everything where it is."""
     for entry in range(12):
         pose_out[entry] = 1.0 if entry in (0, 5, 10) else 0.0
 
 
-@lane_part
+@vector_part
 def one_pose(poses: Floats32, joint: int, chosen: int, pose_out: Floats) -> None:
     """Write a joint's pose (12,) in one lane of `poses` (joints * POSE,)."""
     for entry in range(12):
         pose_out[entry] = poses[joint * POSE + entry * LANES + chosen]
 
 
-@lane_part
+@vector_part
 def row_along(poses: Floats32, row: int, x: Any, y: Any, z: Any) -> Vector:
     """A row of rotations, which begins there in `poses` (joints * POSE,), times three numbers, or vectors of them."""
     return load(poses, row) * x + load(poses, row + LANES) * y + load(poses, row + 2 * LANES) * z
 
 
-@lane_part
+@vector_part
 def moved_row(poses: Floats32, row: int, x: Any, y: Any, z: Any) -> Vector:
     """`row_along`, and the translation added: a coordinate of moved points [m]."""
     return row_along(poses, row, x, y, z) + load(poses, row + 3 * LANES)
 
 
-@lane_part
+@vector_part
 def apply_poses(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Vector, Vector, Vector]:
     """Return where a point of a joint's frame is in the world at sixteen poses (joints * POSE,) [m]."""
     at = joint * POSE
     return moved_row(poses, at, x, y, z), moved_row(poses, at + ROW, x, y, z), moved_row(poses, at + 2 * ROW, x, y, z)
 
 
-@lane_part
+@vector_part
 def turned(poses: Floats32, joint: int, x: Any, y: Any, z: Any) -> tuple[Vector, Vector, Vector]:
     """An axis of a joint's moved frame in the world, at sixteen configurations; arguments as for `apply_poses`."""
     at = joint * POSE
     return row_along(poses, at, x, y, z), row_along(poses, at + ROW, x, y, z), row_along(poses, at + 2 * ROW, x, y, z)
 
 
-@lane_part
+@vector_part
 def column_along(poses: Floats32, column: int, u: Vector, v: Vector, w: Vector) -> Vector:
     """A column of `poses` (joints * POSE,), which begins there, times three vectors."""
     return load(poses, column) * u + load(poses, column + ROW) * v + load(poses, column + 2 * ROW) * w
 
 
-@lane_part
+@vector_part
 def turned_axis(poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
     """Return a world axis in a joint's frame, and that frame's origin along it; `poses` (joints * POSE,)."""
     at = joint * POSE

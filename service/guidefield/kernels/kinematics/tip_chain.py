@@ -1,4 +1,4 @@
-"""A chain of joints from the world to a tip in local coordinates, in lanes: the tip's offset from a pose, and rates.
+"""A chain of joints from the world to a tip in SIMD batches of local coordinates: the tip's offset from a pose, rates.
 
 Inverse kinematics, path constraints of trees and of the optimizer share it; `robot/group/kinematics.py` makes the
 table, by these kinds of parts.
@@ -62,7 +62,7 @@ def _store_turn(columns: Floats, at: int, ax: Any, ay: Any, az: Any, x: Any, y: 
 
 @inlined
 def tip_pose(chain: TipChain, zs: Floats, columns_out: Floats) -> Any:
-    """Return the tip's rotation and translation, row by row in lanes [m], at local coordinates (nv * LANES,).
+    """Return the tip's rotation and translation, row by row in vectors [m], at local coordinates (nv * LANES,).
 
     `columns_out` (columns * COLUMN,) gets how each part moves the tip, three columns of a ball.
     """

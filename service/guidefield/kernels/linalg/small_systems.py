@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from guidefield.kernels.jit.arrays import Floats, Integers, RowOut, RowsOut, Vector3
-from guidefield.kernels.jit.decorators import inlined, kernel, lane_part
+from guidefield.kernels.jit.decorators import inlined, kernel, vector_part
 
 
 @inlined
@@ -53,7 +53,7 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@lane_part
+@vector_part
 def unit_in_plane(x: float, y: float) -> tuple[float, float]:
     """The unit vector along a vector of any length in a plane; 0 for the vector 0."""
     size = max(abs(x), abs(y))

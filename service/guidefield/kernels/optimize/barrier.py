@@ -118,7 +118,7 @@ class Workspace(NamedTuple):
     block_gaps: Floats  # the same of the centres of blocks [m^2]
     block: Floats  # one of which some lanes are empty: coordinates and weights, shape (4 times lanes,)
     lanes: Floats  # for distances lane by lane
-    sums: Floats  # of a group, in lanes, shape (`SUMS` times lanes,)
+    sums: Floats  # of a group, in vectors, shape (`SUMS` times lanes,)
 
 
 @counted
@@ -244,7 +244,7 @@ class MovedBodies(NamedTuple):
     forces: Floats  # derivatives by time of what has gathered at each joint, shape (joints, 6) [1/s]
     row: Floats  # the same by the local coordinates of the model, shape (nv,)
     by_time: Floats  # first and second derivative of the barrier by time [1/s and 1/s²]
-    sums: Floats  # of a group, in lanes: derivatives by time of its barrier (2) and its force, shape (8 times lanes,)
+    sums: Floats  # of a group, in vectors: derivatives by time of its barrier (2) and its force, shape (8 times lanes,)
 
 
 @counted

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, bounds_near, nearest_body
-from guidefield.kernels.distance.points_distance import Lanes3, signed_distance_of_each
+from guidefield.kernels.distance.points_distance import BatchVector3, signed_distance_of_each
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
 from guidefield.kernels.jit.arrays import (
     SCALAR,
@@ -216,8 +216,8 @@ def _near_group(robot: SampledRobot, g: int, reach: float, work: Workspace, move
 
 @uncounted
 def _nearest_moved(
-    p: Lanes3, moving: MovingBodies, count: int, farthest: float, work: Workspace, moved: MovedBodies
-) -> tuple[Vector, Lanes3, tuple[Vector, ...]]:
+    p: BatchVector3, moving: MovingBodies, count: int, farthest: float, work: Workspace, moved: MovedBodies
+) -> tuple[Vector, BatchVector3, tuple[Vector, ...]]:
     """Distance, unit vector and spatial velocity of the nearest moving candidate of each point; one motion's at once.
 
     Candidates of a motion stand together.
@@ -242,7 +242,7 @@ def _nearest_moved(
 
 @uncounted
 def _add_by_time(
-    p: Lanes3, n: Lanes3, velocity: tuple[Vector, ...], slope: Vector, curvature: Vector, sums: Floats
+    p: BatchVector3, n: BatchVector3, velocity: tuple[Vector, ...], slope: Vector, curvature: Vector, sums: Floats
 ) -> None:
     """Add how points' barriers change with time, and their forces, of what moves with a spatial velocity."""
     mx, my, mz = p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]
@@ -256,7 +256,7 @@ def _add_by_time(
 
 @uncounted
 def _add_block(
-    p: Lanes3, d: Vector, n: Lanes3, w: Vector, walls: Vector3, size: float, sums: Floats
+    p: BatchVector3, d: Vector, n: BatchVector3, w: Vector, walls: Vector3, size: float, sums: Floats
 ) -> tuple[Vector, Vector]:
     """Add the barriers of points at distances d, pushed along n, to a group's sums; their weighted derivatives by d."""
     reach, clearance, floor = walls
@@ -312,7 +312,7 @@ def _block(robot: SampledRobot, at: int, last: int, scratch: Floats) -> tuple[Ve
 
 
 @uncounted
-def _sum_up(p: Lanes3, n: Lanes3, slope: Vector, curvature: Vector, sums: Floats) -> None:
+def _sum_up(p: BatchVector3, n: BatchVector3, slope: Vector, curvature: Vector, sums: Floats) -> None:
     """Add forces and inertias of points at p that are pushed along n [m] to a group's sums, lane by lane."""
     nx, ny, nz = n
     mx, my, mz = p[1] * nz - p[2] * ny, p[2] * nx - p[0] * nz, p[0] * ny - p[1] * nx

@@ -53,7 +53,7 @@ from guidefield.kernels.collide.parts import (
 )
 from guidefield.kernels.collide.primitive import HALF_SPACE
 from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats
-from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_part, vector_step
 
 FIRST_TWIST, SECOND_TWIST, FIRST_TURNS, SECOND_TURNS, TWISTS = 0, 6, 12, 13, 14
 """Numbers of how two bodies move: the twist of each, how far the world's origin would move with it and how far it
@@ -80,7 +80,7 @@ their spheres tell it; then their number."""
 NODE_A, NODE_B, ENTRY = range(3)  # numbers of an entry of the stack: a node of each body; then how many there are
 
 
-@lane_part
+@vector_part
 def _centres_move(twists: Floats, work: Floats) -> float:
     """Distance by which both twists move the origins of the two poses in the scratch relative to each other [m]."""
     x, y, z = work[POSE_A + X], work[POSE_A + Y], work[POSE_A + Z]
@@ -91,7 +91,7 @@ def _centres_move(twists: Floats, work: Floats) -> float:
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@lane_part
+@vector_part
 def _farthest(
     parts: Parts,
     part: int,
@@ -113,7 +113,7 @@ def _farthest(
     return float(dx * px + dy * py + dz * pz + moved + rounded)
 
 
-@lane_part
+@vector_part
 def _second_rests(twists: Floats) -> bool:
     return bool(
         twists[SECOND_TURNS] == 0.0
@@ -123,7 +123,7 @@ def _second_rests(twists: Floats) -> bool:
     )
 
 
-@lane_step(
+@vector_step(
     types.float64(
         POINTED_PARTS,
         types.int64,
@@ -169,7 +169,7 @@ def _keep_along(
     return kept
 
 
-@lane_step(
+@vector_step(
     types.float64(
         *PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER, DOUBLE_POINTER
     )
@@ -225,7 +225,7 @@ def _nodes_keep(
     return float(apart) if leaves else later
 
 
-@lane_part
+@vector_part
 def write_closed(log: Floats, node_a: int, node_b: int, work: Floats) -> None:
     """Write to a log (n,) that two nodes are separated across the axis, or by their spheres; rows are counted on."""
     if log[LOG_CAPACITY] == 0.0:
@@ -241,7 +241,7 @@ def write_closed(log: Floats, node_a: int, node_b: int, work: Floats) -> None:
         log[row + ROW_AXIS], log[row + ROW_AXIS + 1], log[row + ROW_AXIS + 2] = by_axis * x, by_axis * y, by_axis * z
 
 
-@lane_step(
+@vector_step(
     types.float64(
         *PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER, DOUBLE_POINTER
     )

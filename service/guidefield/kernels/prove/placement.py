@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from guidefield.kernels.jit.arrays import Blocks, BlocksOut, Floats, RowsOut, Vector3
-from guidefield.kernels.jit.decorators import lane_kernel, uncounted
+from guidefield.kernels.jit.decorators import uncounted, vector_kernel
 from guidefield.kernels.kinematics.forward_kinematics import place_by_local, place_subspaces, subspaces_by_local
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.prove.tables import BezierCurve, MovingObstacles, MovingRobot, RobotBodies
@@ -162,7 +162,7 @@ def bound_segment(
     return share
 
 
-@lane_kernel
+@vector_kernel
 def find_halves(curves: Blocks, halves: BlocksOut) -> None:
     """Write both halves (2 n, k, nv) of each Bezier curve (n, k, nv), in order."""
     count, order, nv = curves.shape
@@ -179,7 +179,7 @@ def find_halves(curves: Blocks, halves: BlocksOut) -> None:
                     second[at, i] = 0.5 * (second[at, i] + second[at + 1, i])
 
 
-@lane_kernel
+@vector_kernel
 def find_ranges(curves: Blocks, low: RowsOut, high: RowsOut) -> None:
     """Write the least and the largest value (n, nv) of each coordinate of each curve's control points (n, k, nv)."""
     count, order, nv = curves.shape

@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from guidefield.kernels.jit.arrays import INTEGER_POINTER, Floats32, Vector3
-from guidefield.kernels.jit.decorators import lane_part
+from guidefield.kernels.jit.decorators import vector_part
 from guidefield.kernels.simd.vector import LANES, Vector, load
 
 
@@ -40,13 +40,13 @@ AROUND = 2 * BLOCK
 """Floats of the boxes about sixteen things along the world's axes: the least x, y, z of all, then the largest."""
 
 
-@lane_part
+@vector_part
 def points_at(numbers: Floats32, at: int) -> tuple[Vector, Vector, Vector]:
     """The sixteen points of a block that begins there in `numbers`, shape (n,)."""
     return load(numbers, at), load(numbers, at + LANES), load(numbers, at + 2 * LANES)
 
 
-@lane_part
+@vector_part
 def point_at(numbers: Floats32, at: int) -> Vector3:
     """One point of a block in `numbers`, shape (n,), whose x is there."""
     return numbers[at], numbers[at + LANES], numbers[at + 2 * LANES]

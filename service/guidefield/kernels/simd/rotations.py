@@ -1,4 +1,4 @@
-"""Angles and rotations in lanes: sine and cosine, rotation vectors from matrices and quaternions, and back.
+"""Angles and rotations of SIMD batches: sine and cosine, rotation vectors from matrices and quaternions, and back.
 
 What both precisions have is one function of two ways, of which the lanes' precision chooses when a kernel is compiled.
 Collision tests rely on its accuracy in float32: placements may be off by `DECISION_BAND` of
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from guidefield.kernels.jit.decorators import lane_part
+from guidefield.kernels.jit.decorators import vector_part
 from guidefield.kernels.simd.vector import is_double, magnitude, rint, root, select
 
 _ROUNDING = 6755399441055744.0  # 1.5 * 2^52: what is added to it is rounded to a whole number, to even from the middle
@@ -31,12 +31,12 @@ _SMALL = 1e-9  # below this sine or angle a quotient is its limit
 _SMALL_ANGLE = 0.1  # below this angle a rate is its series [rad], to 1e-11; more is less exact, less loses digits
 
 
-@lane_part
+@vector_part
 def _round(x: Any) -> Any:
     return (x + _ROUNDING) - _ROUNDING
 
 
-@lane_part
+@vector_part
 def _cosine_and_sine_64(angle: Any) -> tuple[Any, Any]:
     """`cosine_and_sine` in double precision.
 
@@ -66,7 +66,7 @@ def _cosine_and_sine_64(angle: Any) -> tuple[Any, Any]:
     return (select(half | (turned == 1.0), -1.0 * cosine, cosine), select(half | (turned == -1.0), -1.0 * sine, sine))
 
 
-@lane_part
+@vector_part
 def _polynomials(u: Any) -> tuple[Any, Any]:
     """(sin h - h) / h^3 and cos h for u = h^2, h within [-pi/2, pi/2].
 
@@ -83,7 +83,7 @@ def _polynomials(u: Any) -> tuple[Any, Any]:
     return s, c * u + 1.0
 
 
-@lane_part
+@vector_part
 def _cosine_and_sine_32(angle: Any) -> tuple[Any, Any]:
     """`cosine_and_sine` in single precision.
 
@@ -97,13 +97,13 @@ def _cosine_and_sine_32(angle: Any) -> tuple[Any, Any]:
     return 1.0 - 2.0 * s * s, 2.0 * s * c
 
 
-@lane_part
+@vector_part
 def cosine_and_sine(angle: Any) -> tuple[Any, Any]:
     """Cosine and sine [rad]: each to 2e-16 for angles within 1e5; in single precision to 5e-7 for such within 1000."""
     return _cosine_and_sine_64(angle) if is_double(angle) else _cosine_and_sine_32(angle)
 
 
-@lane_part
+@vector_part
 def _angle_of(sine: Any, cosine: Any) -> Any:
     """The angle in [0, pi/2] whose sine and cosine, neither negative, have this ratio (arctangent as in Cephes)."""
     steep = sine > cosine
@@ -125,7 +125,7 @@ def _angle_of(sine: Any, cosine: Any) -> Any:
     return select(steep, 0.5 * math.pi - angle, angle)
 
 
-@lane_part
+@vector_part
 def vector_of_quaternion(x: Any, y: Any, z: Any, w: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Rotation vector of a unit quaternion, at most pi long [rad], and what its rate needs.
 
@@ -145,7 +145,7 @@ def vector_of_quaternion(x: Any, y: Any, z: Any, w: Any) -> tuple[Any, Any, Any,
     return scale * x, scale * y, scale * z, square, rate
 
 
-@lane_part
+@vector_part
 def _quaternion_64(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
     """`quaternion_of_vector` in double precision."""
     angle = root(x * x + y * y + z * z)
@@ -154,7 +154,7 @@ def _quaternion_64(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
     return scale * x, scale * y, scale * z, c
 
 
-@lane_part
+@vector_part
 def _quaternion_32(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
     """`quaternion_of_vector` in single precision.
 
@@ -168,13 +168,13 @@ def _quaternion_32(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
     return x * scale, y * scale, z * scale, 1.0 - 2.0 * u * s * s
 
 
-@lane_part
+@vector_part
 def quaternion_of_vector(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
     """Unit quaternion (x, y, z, w) of a rotation vector [rad]; in single precision to 5e-7, of up to a full turn."""
     return _quaternion_64(x, y, z) if is_double(x) else _quaternion_32(x, y, z)
 
 
-@lane_part
+@vector_part
 def quaternion_product(a: Any, b: Any) -> tuple[Any, Any, Any, Any]:
     """Product of two quaternions (x, y, z, w): b is turned by a."""
     return (
@@ -185,7 +185,7 @@ def quaternion_product(a: Any, b: Any) -> tuple[Any, Any, Any, Any]:
     )
 
 
-@lane_part
+@vector_part
 def quaternion_of_matrix(m: Any) -> tuple[Any, Any, Any, Any]:
     """Unit quaternion (x, y, z, w) of a rotation matrix given row by row, from its largest component."""
     t = 1.0 + m[0] + m[4] + m[8]

@@ -81,7 +81,7 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
 # What kernels call; undecorated, each works on NumPy arrays.
 
 
-def lanes_of(array: Any) -> int:
+def lane_count(array: Any) -> int:
     """Return how many lanes a vector of an array's precision has."""
     return LANES_64 if array.dtype == np.float64 else LANES
 
@@ -93,12 +93,12 @@ def smallest_gap(lanes: Any) -> float:
 
 def load(array: Any, at: int) -> Any:
     """Lanes from consecutive elements of a 1-D array, or of what a pointer points to; bounds are not checked."""
-    return array[at : at + lanes_of(array)]
+    return array[at : at + lane_count(array)]
 
 
 def store(array: Any, at: int, lanes: Any) -> None:
     """Lanes, or one number in all, into consecutive elements of a 1-D array, shape (n,), or behind a pointer."""
-    array[at : at + lanes_of(array)] = lanes
+    array[at : at + lane_count(array)] = lanes
 
 
 def splat(number: Any) -> Any:
@@ -452,11 +452,11 @@ register(operator.and_, _masks, [(Mask, Mask)], lambda c, b, s, a: b.and_(*a))
 register(operator.or_, _masks, [(Mask, Mask)], lambda c, b, s, a: b.or_(*a))
 
 
-def _lanes_of(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _lane_count(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return context.get_constant(types.intp, VectorType(sig.args[0].dtype).count)
 
 
-register(lanes_of, lambda a: types.intp if isinstance(a, types.Array) else None, [(types.Array,)], _lanes_of)
+register(lane_count, lambda a: types.intp if isinstance(a, types.Array) else None, [(types.Array,)], _lane_count)
 
 
 def _is_double_precision(kind: Any) -> bool:

@@ -241,7 +241,7 @@ def find_schedule(
 ) -> tuple[int, float]:
     """Find where to be at each step so that arriving costs least; return the rows of `timed`, and that cost [s].
 
-    `words` are the robot, a packed `LaneWorld`, `boxes` (k, `ROUNDED_BOX`) what moves, now [m, world], `drifts` (k, 3)
+    `words` are the robot, a packed `BatchWorld`, `boxes` (k, `ROUNDED_BOX`) what moves, now [m, world], `drifts` (k, 3)
     how fast each goes straight on [m/s]; beside the way at most `width` states are examined for each step, 0: none.
     `timed` (n, nv) gets the coordinates, `reached` (n,) the states; n - 1 steps are foreseen, and from the last state
     on the rest of the way costs its time. The cost is the time of arrival and of what lacks on the way.

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from guidefield.kernels.jit.arrays import Blocks, BlocksOut, Floats, Indices, IndicesOut, Row, RowOut, Rows
-from guidefield.kernels.jit.decorators import kernel, lane_kernel, lane_part
+from guidefield.kernels.jit.decorators import kernel, vector_kernel, vector_part
 from guidefield.kernels.prove.kept_distance import LOG_ROWS
 from guidefield.kernels.prove.motion_bounds import TRAVEL, bound_body, find_moves
 from guidefield.kernels.prove.placement import find_twists, place_at
@@ -30,7 +30,7 @@ SOFTENINGS = 12  # bisections for the share of the limits with which a coordinat
 _REACHED = 1e-10  # an end this close to the given value has reached it [rad or m]
 
 
-@lane_part
+@vector_part
 def phase_at(phases: Floats, count: int, time: float) -> int:
     """Return which phase, of rows (k, `PHASE`), is on at a time [s]."""
     k = 0
@@ -39,7 +39,7 @@ def phase_at(phases: Floats, count: int, time: float) -> int:
     return k
 
 
-@lane_part
+@vector_part
 def value_at(phases: Floats, count: int, time: float) -> float:
     """The value [rad or m] of a coordinate, phases in rows (k, `PHASE`), at a time [s]."""
     row = phases[phase_at(phases, count, time)]
@@ -47,7 +47,7 @@ def value_at(phases: Floats, count: int, time: float) -> float:
     return float(row[VALUE] + s * (row[VELOCITY] + s * (0.5 * row[ACCELERATION] + s * row[JERK] / 6.0)))
 
 
-@lane_kernel
+@vector_kernel
 def find_states(phases: Blocks, counts: Indices, times: Row, states_out: BlocksOut) -> None:
     """Write value, velocity, acceleration and jerk of a motion at times (t,) from its beginning [s], shape (t, nv, 4).
 
@@ -61,7 +61,7 @@ def find_states(phases: Blocks, counts: Indices, times: Row, states_out: BlocksO
             state[2], state[3] = a + s * j, j
 
 
-@lane_part
+@vector_part
 def range_of(phases: Floats, count: int, begin: float, end: float) -> tuple[float, float]:
     """Return the least and the largest value of a coordinate, phases in rows (k, `PHASE`), between two times [s]."""
     least = largest = value_at(phases, count, begin)
@@ -96,7 +96,7 @@ def range_of(phases: Floats, count: int, begin: float, end: float) -> tuple[floa
         k += 1
 
 
-@lane_part
+@vector_part
 def keeps_limits(  # noqa: PLR0911 - one for each thing that may be wrong
     phases: Floats, count: int, since: Floats, until: float, velocity: float, acceleration: float, jerk: float
 ) -> bool:
@@ -139,7 +139,7 @@ def keeps_limits(  # noqa: PLR0911 - one for each thing that may be wrong
     return False
 
 
-@lane_kernel
+@vector_kernel
 def broken_limit(phases: Blocks, counts: Indices, start: Rows, limits: Rows, until: float) -> int:
     """Return the first coordinate of a motion that breaks a limit, jumps, or doesn't stand in the end; -1: none does.
 
@@ -185,7 +185,7 @@ def bound_travel(moving: MovingRobot, exact: BezierCurve, since: float, until: f
     return most
 
 
-@lane_part
+@vector_part
 def _change(v: float, a: float, u: float, most: float, jerk: float) -> tuple[float, float, float, float]:
     """The quickest change of velocity to u: signed jerk of the first part, and how long the three parts last [s]."""
     side = 1.0 if u >= v + 0.5 * a * abs(a) / jerk else -1.0
@@ -199,13 +199,13 @@ def _change(v: float, a: float, u: float, most: float, jerk: float) -> tuple[flo
     return side * jerk, (peak - b) / jerk, hold, peak / jerk
 
 
-@lane_part
+@vector_part
 def _along(q: float, v: float, a: float, j: float, s: float) -> tuple[float, float, float]:
     """Value, velocity and acceleration a time s [s] later, at constant jerk j."""
     return q + s * (v + s * (0.5 * a + s * j / 6.0)), v + s * (a + 0.5 * s * j), a + s * j
 
 
-@lane_part
+@vector_part
 def _end_of(q: float, v: float, a: float, u: float, piece: float, most: float, jerk: float) -> float:
     """Value at which a coordinate stands after a piece [s] towards a velocity u and the hardest braking [rad or m]."""
     j, first, hold, last = _change(v, a, u, most, jerk)
@@ -227,7 +227,7 @@ def _end_of(q: float, v: float, a: float, u: float, piece: float, most: float, j
     return q
 
 
-@lane_part
+@vector_part
 def _ending_at(q: float, v: float, a: float, u: float, goal: float, piece: float, most: float, jerk: float) -> float:
     """The velocity from 0 to u whose piece and braking end at a goal, or u if even that doesn't lead beyond it."""
     fast = _end_of(q, v, a, u, piece, most, jerk) - goal
@@ -247,14 +247,14 @@ def _ending_at(q: float, v: float, a: float, u: float, goal: float, piece: float
     return 0.5 * (low + high)
 
 
-@lane_part
+@vector_part
 def _duration(v: float, a: float, u: float, most: float, jerk: float) -> float:
     """Return how long the quickest change of velocity lasts [s]; see `_change`."""
     _, first, hold, last = _change(v, a, u, most, jerk)
     return first + hold + last
 
 
-@lane_part
+@vector_part
 def _find_softest(v: float, a: float, u: float, most: float, jerk: float, time: float) -> float:
     """The least share of acceleration and jerk that changes a velocity within a time [s], and never beyond v and u."""
     low, high = 0.0, 1.0
@@ -268,7 +268,7 @@ def _find_softest(v: float, a: float, u: float, most: float, jerk: float, time: 
     return high
 
 
-@lane_part
+@vector_part
 def _soften(
     state: Floats, u: float, lasts: float, slowest: float, limits: Floats, lower: float, upper: float
 ) -> tuple[float, float]:
@@ -283,7 +283,7 @@ def _soften(
     return (soft, slow) if lower <= end <= upper else (limits[1], limits[2])
 
 
-@lane_part
+@vector_part
 def _write_change(
     state: Floats, u: float, lasts: float, most: float, jerk: float, phases: Floats, count: int, begin: float
 ) -> tuple[int, float]:

@@ -14,9 +14,9 @@ import numpy as np
 from numba import boolean, int64, types
 
 from guidefield.kernels.collide.batch_collision import forget
-from guidefield.kernels.collide.layout import WORLD, LaneWorld, world_of
+from guidefield.kernels.collide.layout import WORLD, BatchWorld, world_of
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, VECTOR_OUT, AnyRows, Floats, Floats32, Indices, numba_type
-from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_kernel, vector_part, vector_step
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import LANES
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling, sampling_of
@@ -55,7 +55,7 @@ class Strides(NamedTuple):
 class Walk(NamedTuple):
     """Tables and memory that a step of a tree needs."""
 
-    world: LaneWorld  # robot and obstacles
+    world: BatchWorld  # robot and obstacles
     sampling: Sampling  # where samples come from
     search: TreeSearch
     frames: KeptFrames
@@ -67,7 +67,7 @@ STRIDES = numba_type(Strides)
 WALK = types.BaseTuple.from_types((WORLD, SAMPLING, SEARCH, FRAMES, STRIDES, VECTOR_OUT), Walk)
 
 
-@lane_step(types.float64(FLOAT_POINTER, FLOAT_POINTER, int64, SAMPLING))
+@vector_step(types.float64(FLOAT_POINTER, FLOAT_POINTER, int64, SAMPLING))
 def _distance(a: Floats32, b: Floats32, nv: int, sampling: Sampling) -> float:
     """Return how far two points, shape (nv,), are apart, the short way round."""
     square = 0.0
@@ -79,7 +79,7 @@ def _distance(a: Floats32, b: Floats32, nv: int, sampling: Sampling) -> float:
     return math.sqrt(square)
 
 
-@lane_step(boolean(WALK, types.float64))
+@vector_step(boolean(WALK, types.float64))
 def _correct(walk: Walk, left: float) -> bool:
     """Bring what is reached onto the constraints; whether it still leads to the target, which was `left` away."""
     sampling, search, strides, z = walk.sampling, walk.search, walk.strides, walk.z
@@ -94,7 +94,7 @@ def _correct(walk: Walk, left: float) -> bool:
     return bool(gained >= strides.least_gain * strides.length and moved <= strides.farthest * strides.length)
 
 
-@lane_step(boolean(WALK))
+@vector_step(boolean(WALK))
 def _is_kept(walk: Walk) -> bool:
     """Tell if the constraints hold where a stride ends, and in its middle."""
     search, z = walk.search, walk.z
@@ -106,7 +106,7 @@ def _is_kept(walk: Walk) -> bool:
     return True
 
 
-@lane_step(types.UniTuple(int64, 2)(WALK, int64, int64))
+@vector_step(types.UniTuple(int64, 2)(WALK, int64, int64))
 def _walk(walk: Walk, tree: int, node: int) -> tuple[int, int]:
     """Walk from a node to the target, a stride at a time, as far as each leads there and is free.
 
@@ -129,7 +129,7 @@ def _walk(walk: Walk, tree: int, node: int) -> tuple[int, int]:
     return node, 0
 
 
-@lane_part
+@vector_part
 def _walk_other(walk: Walk, tree: int, node: int) -> bool:
     """Walk from the other tree to a node of a tree; whether it gets there."""
     search, other = walk.search, 1 - tree
@@ -140,7 +140,7 @@ def _walk_other(walk: Walk, tree: int, node: int) -> bool:
     return bool(there)
 
 
-@lane_step(int64(WALK, int64))
+@vector_step(int64(WALK, int64))
 def _grow(walk: Walk, iterations: int) -> int:
     """`grow_within` on pointers, once the roots are planted."""
     search, counters = walk.search, walk.search.counters
@@ -163,7 +163,7 @@ def _grow(walk: Walk, iterations: int) -> int:
     return GOING_ON
 
 
-@lane_kernel
+@vector_kernel
 def grow_within(
     world: Indices,
     sampling: Indices,

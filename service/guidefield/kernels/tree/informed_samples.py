@@ -15,7 +15,7 @@ import numpy as np
 from numba import int64, types
 
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats, Floats32, Indices, Row, Singles, numba_type
-from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_part, vector_step
 from guidefield.kernels.simd.packing import pointed, pointers, unpacked
 from guidefield.kernels.simd.rotations import cosine_and_sine
 from guidefield.kernels.simd.vector import (
@@ -73,7 +73,7 @@ SAMPLING = pointed(_SAMPLING)
 sampling_of = unpacked(_SAMPLING)  # makes a sampling of its words
 
 
-@lane_step(types.void(f32x16, f32x16, f32x16, FLOAT_POINTER, int64))
+@vector_step(types.void(f32x16, f32x16, f32x16, FLOAT_POINTER, int64))
 def turn_evenly(first: Vector, second: Vector, third: Vector, samples_out: Floats32, at: int) -> None:
     """Write rotation vectors, at most pi long, of rotations at sixteen places in the unit cube (Shoemake 1992) [rad].
 
@@ -94,14 +94,14 @@ def turn_evenly(first: Vector, second: Vector, third: Vector, samples_out: Float
     store(samples_out, at + 2 * LANES, scale * outer * t)
 
 
-@lane_part
+@vector_part
 def _shares(sampling: Sampling, places: Floats, j: int) -> Vector:
     """Return how far along a side of the box the next sixteen samples are, from 0 to 1."""
     along = load(pointers(_AHEAD), 0) * sampling.steps[j] + places[j]
     return along - rint(along - 0.5)
 
 
-@lane_part
+@vector_part
 def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_out: Floats32) -> None:
     """Write the next sixteen points of the sequence (nv * 16,).
 
@@ -132,7 +132,7 @@ def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_
         turn_evenly(x, y, z, samples_out, j * LANES)
 
 
-@lane_part
+@vector_part
 def pass_samples(sampling: Sampling, nv: int, places: Floats, count: int) -> None:
     """Go on by that many points of the sequence; `places` (nv + 1,) as for `next_samples`, changed."""
     for j in range(nv + 1):

@@ -14,7 +14,7 @@ import numpy as np
 from numba import int64, types, void
 
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, IndicesOut, Integers, SinglesOut, numba_type
-from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_part, vector_step
 from guidefield.kernels.simd.packing import pointed
 from guidefield.kernels.simd.vector import (
     LANES,
@@ -82,7 +82,7 @@ def buckets_for(nv: int, capacity: int) -> Buckets:
     )
 
 
-@lane_part
+@vector_part
 def short_way(apart: Vector, period: float, frequency: float) -> Vector:
     """Differences of a coordinate, the short way round if it wraps."""
     if period != 0.0:
@@ -90,7 +90,7 @@ def short_way(apart: Vector, period: float, frequency: float) -> Vector:
     return apart
 
 
-@lane_step(void(BUCKETS, int64, int64, int64, int64))
+@vector_step(void(BUCKETS, int64, int64, int64, int64))
 def _set_box(buckets: Buckets, nv: int, tree: int, bucket: int, filled: int) -> None:
     """Set the number of a bucket's nodes; repeat the first in the rest of it, and find the box about them."""
     inside, members, n, start = buckets.inside, buckets.members, buckets.n, tree * buckets.n + bucket
@@ -108,7 +108,7 @@ def _set_box(buckets: Buckets, nv: int, tree: int, bucket: int, filled: int) -> 
         buckets.middles[at], buckets.halves[at] = middle, max(high - middle, middle - low)
 
 
-@lane_part
+@vector_part
 def _exchange(inside: Floats32, members: Integers, nv: int, start: int, i: int) -> None:
     at = start * BUCKET + i
     members[at - 1], members[at] = members[at], members[at - 1]
@@ -117,7 +117,7 @@ def _exchange(inside: Floats32, members: Integers, nv: int, start: int, i: int) 
         inside[at - 1], inside[at] = inside[at], inside[at - 1]
 
 
-@lane_step(void(BUCKETS, int64, int64, int64))
+@vector_step(void(BUCKETS, int64, int64, int64))
 def _split(buckets: Buckets, nv: int, tree: int, entry: int) -> None:
     """Split an entry's bucket, which is full, at the median of its widest coordinate."""
     inside, members, n, splits = buckets.inside, buckets.members, buckets.n, buckets.splits
@@ -148,7 +148,7 @@ def _split(buckets: Buckets, nv: int, tree: int, entry: int) -> None:
     buckets.state[state + COUNT], buckets.state[state + ENTRIES] = new + 1, below_it + 2
 
 
-@lane_step(int64(BUCKETS, int64, FLOAT_POINTER))
+@vector_step(int64(BUCKETS, int64, FLOAT_POINTER))
 def _entry_of(buckets: Buckets, tree: int, point: Floats32) -> int:
     """The entry whose bucket the splits send a point to."""
     splits, cuts, start, entry = buckets.splits, buckets.cuts, tree * 2 * buckets.n, 0
@@ -159,7 +159,7 @@ def _entry_of(buckets: Buckets, tree: int, point: Floats32) -> int:
     return int(entry)
 
 
-@lane_step(void(BUCKETS, int64, int64, int64, FLOAT_POINTER, int64, SAMPLING))
+@vector_step(void(BUCKETS, int64, int64, int64, FLOAT_POINTER, int64, SAMPLING))
 def put_in_bucket(
     buckets: Buckets, nv: int, tree: int, node: int, nodes: Floats32, stride: int, sampling: Sampling
 ) -> None:
@@ -192,7 +192,7 @@ def put_in_bucket(
 _NEAREST = types.Tuple((int64, types.float32))
 
 
-@lane_step(_NEAREST(BUCKETS, int64, int64, int64, FLOAT_POINTER, SAMPLING, int64, types.float32))
+@vector_step(_NEAREST(BUCKETS, int64, int64, int64, FLOAT_POINTER, SAMPLING, int64, types.float32))
 def _nearest_in(
     buckets: Buckets, nv: int, tree: int, bucket: int, target: Floats32, sampling: Sampling, winner: int, best: float
 ) -> tuple[int, float]:
@@ -213,7 +213,7 @@ def _nearest_in(
     return winner, best
 
 
-@lane_step(_NEAREST(BUCKETS, int64, int64, FLOAT_POINTER, SAMPLING, int64, types.float32))
+@vector_step(_NEAREST(BUCKETS, int64, int64, FLOAT_POINTER, SAMPLING, int64, types.float32))
 def nearest_in_buckets(
     buckets: Buckets, nv: int, tree: int, target: Floats32, sampling: Sampling, winner: int, best: float
 ) -> tuple[int, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import int64, types, void
 
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, IndicesOut, RowOut, SinglesOut, numba_type
-from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.jit.decorators import vector_part, vector_step
 from guidefield.kernels.simd.packing import pointed, pointers, unpacked
 from guidefield.kernels.simd.vector import (
     ALL_LANES,
@@ -88,7 +88,7 @@ search_of = unpacked(_SEARCH)  # makes a search of its words
 ROOTS = types.Array(types.float64, 2, "A", readonly=True)  # roots of a tree, shape (n, nv), in any order in memory
 
 
-@lane_part
+@vector_part
 def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
     """Shorten the first extensions of a batch, whose ends are their samples, to their longest lengths."""
     nodes, origins, ends, longest = search.nodes, search.origins, search.ends, search.longest
@@ -111,7 +111,7 @@ def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
         store(ends, j * LANES, load(ends, j * LANES) * share + load(origins, j * LANES))
 
 
-@lane_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING, types.float64))
+@vector_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING, types.float64))
 def step_towards(
     search: TreeSearch, tree: int, node: int, target: Floats32, sampling: Sampling, longest: float
 ) -> float:
@@ -132,14 +132,14 @@ def step_towards(
     return distance
 
 
-@lane_part
+@vector_part
 def aim_at(search: TreeSearch, tree: int, node: int) -> None:
     """Let a node of a tree be the target."""
     for j in range(search.nv):
         search.target[j] = search.nodes[(tree * search.nv + j) * search.capacity + node]
 
 
-@lane_step(int64(SEARCH, int64, int64))
+@vector_step(int64(SEARCH, int64, int64))
 def add_reached(search: TreeSearch, tree: int, parent: int) -> int:
     """Add the point that was reached to a tree, which has room; its index."""
     at, nv, capacity = search.counters[SIZE + tree], search.nv, search.capacity
@@ -152,7 +152,7 @@ def add_reached(search: TreeSearch, tree: int, parent: int) -> int:
     return int(at)
 
 
-@lane_step(void(SEARCH, int64, ROOTS))
+@vector_step(void(SEARCH, int64, ROOTS))
 def plant(search: TreeSearch, tree: int, roots: np.ndarray) -> None:
     """Leave nothing of a tree but its roots, shape (n, nv); there is room for them."""
     nv, capacity, first = search.nv, search.capacity, tree * search.capacity
@@ -167,7 +167,7 @@ def plant(search: TreeSearch, tree: int, roots: np.ndarray) -> None:
         search.buckets.state[tree * STATE + k] = 0
 
 
-@lane_part
+@vector_part
 def _wrap_near(place: float, before: float, period: float) -> float:
     """A coordinate, if it wraps with whole turns added so that it is no more than half a turn from another."""
     if period != 0.0:
@@ -175,7 +175,7 @@ def _wrap_near(place: float, before: float, period: float) -> float:
     return place
 
 
-@lane_step(void(SAMPLING, SEARCH, ROOTS, ROOTS))
+@vector_step(void(SAMPLING, SEARCH, ROOTS, ROOTS))
 def join(sampling: Sampling, search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
     """Write the branch from the root of the first tree and that to the root of the second, which have met.
 
@@ -210,7 +210,7 @@ def join(sampling: Sampling, search: TreeSearch, starts: np.ndarray, goals: np.n
 _PLACES = np.arange(LANES, dtype=np.float32)
 
 
-@lane_step(int64(SEARCH, int64, SAMPLING))
+@vector_step(int64(SEARCH, int64, SAMPLING))
 def _put_in_buckets(search: TreeSearch, tree: int, sampling: Sampling) -> int:
     """Put the nodes of a tree in buckets that are not yet; how many there are."""
     size = search.counters[SIZE + tree]
@@ -220,7 +220,7 @@ def _put_in_buckets(search: TreeSearch, tree: int, sampling: Sampling) -> int:
     return int(size)
 
 
-@lane_part
+@vector_part
 def _look_up(search: TreeSearch, tree: int, sampling: Sampling) -> int:
     """Return how many nodes of a tree are in buckets; fewer than `LATE` are left."""
     known = search.buckets.state[tree * STATE + KNOWN]
@@ -229,7 +229,7 @@ def _look_up(search: TreeSearch, tree: int, sampling: Sampling) -> int:
     return int(known)
 
 
-@lane_step(int64(SEARCH, int64, FLOAT_POINTER, SAMPLING))
+@vector_step(int64(SEARCH, int64, FLOAT_POINTER, SAMPLING))
 def nearest(search: TreeSearch, tree: int, target: Floats32, sampling: Sampling) -> int:
     """The node nearest to a target, shape (nv,); angles that wrap go the short way.
 
@@ -261,7 +261,7 @@ def nearest(search: TreeSearch, tree: int, target: Floats32, sampling: Sampling)
     return int(winner)
 
 
-@lane_step(void(SEARCH, int64, SAMPLING, int64))
+@vector_step(void(SEARCH, int64, SAMPLING, int64))
 def _nearer_in_buckets(search: TreeSearch, tree: int, sampling: Sampling, k: int) -> None:
     """Write of one of the sixteen samples the nearest node if that is in a bucket."""
     sample = search.sample
@@ -272,11 +272,11 @@ def _nearer_in_buckets(search: TreeSearch, tree: int, sampling: Sampling, k: int
     search.squares[k], search.nearest[k] = square, winner
 
 
-@lane_part
+@vector_part
 def nearest_to_each(search: TreeSearch, tree: int, sampling: Sampling) -> None:
     """Write of each of the sixteen samples the node nearest to it and how far it is from it, squared.
 
-    The samples are in lanes, four nodes at a time go by; none is examined beyond the last, but that one again.
+    Each lane has a sample, four nodes at a time go by; none is examined beyond the last, but that one again.
     """
     nodes, samples, capacity, nv = search.nodes, search.samples, search.capacity, search.nv
     start, last, known = tree * nv * capacity, search.counters[SIZE + tree] - 1, _look_up(search, tree, sampling)

@@ -52,9 +52,9 @@ FRAMES = numba_type(KeptFrames)
 class Measured(NamedTuple):
     """Memory in which constraints are measured."""
 
-    zs: Floats  # (nv * LANES,) local coordinates in lanes
+    zs: Floats  # (nv * LANES,) local coordinates of a SIMD batch
     columns: Floats  # what `tip_pose` writes, for the parts of all chains
-    poses: Floats  # (k, 12 * LANES) the frames' placements in lanes, in the row of the first constraint about each
+    poses: Floats  # (k, 12 * LANES) the frames' placements in a batch, in the row of the first constraint about each
 
 
 @inlined
@@ -168,7 +168,7 @@ def _number(kind: int, vectors: Floats, pose: Floats, lane: int) -> tuple[float,
 
 @inlined
 def place(frames: KeptFrames, measured: Measured) -> None:
-    """Place all frames at the local coordinates in lanes."""
+    """Place all frames at the local coordinates of a SIMD batch."""
     for c in range(frames.kinds.shape[0]):
         if frames.sames[c] == c:
             columns = measured.columns[frames.begins[c] * COLUMN :]

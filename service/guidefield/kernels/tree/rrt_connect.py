@@ -16,11 +16,11 @@ from numba import boolean, int64, types
 
 from guidefield.kernels.collide.batch_collision import forget, motion_free
 from guidefield.kernels.collide.broadphase import boxes_near, carrier_centre, near_obstacle, place_carriers
-from guidefield.kernels.collide.layout import BALL, BAND, BODY, HIT, OBSTACLE, WORLD, LaneWorld, world_of
+from guidefield.kernels.collide.layout import BALL, BAND, BODY, HIT, OBSTACLE, WORLD, BatchWorld, world_of
 from guidefield.kernels.collide.parts import ball_centre, ball_radius
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, INTEGER_POINTER, AnyRows, Floats32, Indices, Integers
-from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
+from guidefield.kernels.jit.decorators import vector_kernel, vector_part, vector_step
+from guidefield.kernels.kinematics.batch_forward_kinematics import batch_placements
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import ALL_LANES, LANES, first_lane, lane, load, store
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling, Way, next_samples, pass_samples, sampling_of
@@ -52,8 +52,8 @@ SIEVE = 32  # number, at least 1, of inner balls that met an obstacle and are tr
 FEW = 4  # if these balls leave at most this many configurations undecided, the others aren't tried
 
 
-@lane_step(int64(WORLD, types.float64, INTEGER_POINTER))
-def _hit_again(world: LaneWorld, clearance: float, hits: Integers) -> int:
+@vector_step(int64(WORLD, types.float64, INTEGER_POINTER))
+def _hit_again(world: BatchWorld, clearance: float, hits: Integers) -> int:
     """The lanes where one of the balls that met an obstacle lately does so again; such a ball moves on by a place."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, mask = scratch.poses, bodies.inner, 0
@@ -75,8 +75,8 @@ def _hit_again(world: LaneWorld, clearance: float, hits: Integers) -> int:
     return int(mask)
 
 
-@lane_step(int64(WORLD, int64, int64, int64, types.float64, INTEGER_POINTER))
-def _hits_of(world: LaneWorld, body: int, o: int, near: int, clearance: float, hits: Integers) -> int:
+@vector_step(int64(WORLD, int64, int64, int64, types.float64, INTEGER_POINTER))
+def _hits_of(world: BatchWorld, body: int, o: int, near: int, clearance: float, hits: Integers) -> int:
     """The lanes of some where a ball inside a body meets an obstacle; such balls are remembered."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     mask = 0
@@ -92,15 +92,15 @@ def _hits_of(world: LaneWorld, body: int, o: int, near: int, clearance: float, h
     return int(mask)
 
 
-@lane_part
+@vector_part
 def _are_few(lanes: int) -> bool:
     for _ in range(FEW):
         lanes &= lanes - 1
     return bool(lanes == 0)
 
 
-@lane_step(int64(WORLD, types.float64, FLOAT_POINTER, INTEGER_POINTER))
-def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits: Integers) -> int:
+@vector_step(int64(WORLD, types.float64, FLOAT_POINTER, INTEGER_POINTER))
+def certain_hits(world: BatchWorld, clearance: float, coordinates: Floats32, hits: Integers) -> int:
     """Return the lanes where a ball inside a body meets an obstacle; some where one does may be missing.
 
     Such tests in float32 are off by less than `BAND`, so balls inside are smaller by it.
@@ -109,7 +109,7 @@ def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits
     `hits` (HIT * SIEVE,) are balls that met an obstacle lately: body, obstacle, ball; -1 where there is none; changed.
     """
     joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
-    lane_placements(joints, coordinates, scratch.poses)
+    batch_placements(joints, coordinates, scratch.poses)
     mask = _hit_again(world, clearance, hits)
     if _are_few(ALL_LANES & ~mask):
         return mask
@@ -167,8 +167,8 @@ ALONE = 64
 MET, FULL, GOING_ON = range(3)  # ends of a call: the trees met; a tree is full; its iterations were done
 
 
-@lane_part
-def is_free(world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float) -> bool:
+@vector_part
+def is_free(world: BatchWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float) -> bool:
     """Tell if the straight motion from the origin to what is reached is free."""
     for j in range(search.nv):
         search.first[j] = search.origin[j] * sampling.units[j]
@@ -176,9 +176,9 @@ def is_free(world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance:
     return bool(motion_free(world, clearance, search.first, search.last, resolution))
 
 
-@lane_step(boolean(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
+@vector_step(boolean(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
 def _connect(
-    world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, tree: int
+    world: BatchWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, tree: int
 ) -> bool:
     """Grow a tree towards the target as far as the way is free; whether it got there, from the node in the counters."""
     counters = search.counters
@@ -195,8 +195,8 @@ def _connect(
     return False
 
 
-@lane_part
-def _choose_lanes(search: TreeSearch, tree: int) -> int:
+@vector_part
+def _choose_samples(search: TreeSearch, tree: int) -> int:
     """Mask of the sixteen samples that are extended to: those in the domains of their nodes, and some others."""
     domains, first, taken, refused = search.domains, tree * search.capacity, 0, search.counters[REFUSED]
     for k in range(LANES):
@@ -208,7 +208,7 @@ def _choose_lanes(search: TreeSearch, tree: int) -> int:
     return int(taken)
 
 
-@lane_part
+@vector_part
 def way_of(search: TreeSearch, drawn: int) -> Way:
     """Return what the next samples are near: the way between a start and a goal, every pair of which has its turns."""
     counters, capacity, motions = search.counters, search.capacity, search.counters[MOTIONS]
@@ -219,7 +219,7 @@ def way_of(search: TreeSearch, drawn: int) -> Way:
     return Way(search.nodes, start, goal, capacity, NARROW + WIDER * motions / (motions + HALFWAY))
 
 
-@lane_step(int64(SAMPLING, SEARCH, int64))
+@vector_step(int64(SAMPLING, SEARCH, int64))
 def choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
     """Write a batch of extensions: node and tree of each, and where it would end; return how many samples it took.
 
@@ -233,7 +233,7 @@ def choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
             tree = 1 - tree
         next_samples(sampling, nv, search.places, way_of(search, drawn), search.samples)
         nearest_to_each(search, tree, sampling)
-        taken, used = _choose_lanes(search, tree), LANES
+        taken, used = _choose_samples(search, tree), LANES
         while taken:
             k = first_lane(taken)
             taken &= taken - 1
@@ -254,9 +254,9 @@ def choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
     return drawn
 
 
-@lane_part
+@vector_part
 def _extension_free(
-    world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, slot: int
+    world: BatchWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, slot: int
 ) -> bool:
     """Tell if an extension of the batch is free; what it reaches is then what is reached."""
     for j in range(search.nv):
@@ -265,7 +265,7 @@ def _extension_free(
     return bool(is_free(world, sampling, search, clearance, resolution))
 
 
-@lane_part
+@vector_part
 def begin(search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
     """Leave only the roots of both trees, shapes (k, nv) and (m, nv), and nothing counted."""
     for k in range(COUNTERS):
@@ -277,9 +277,9 @@ def begin(search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
     plant(search, 1, goals)
 
 
-@lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64, int64))
+@vector_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64, int64))
 def _go_on(
-    world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, slot: int, node: int
+    world: BatchWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, slot: int, node: int
 ) -> int:
     """Continue a free extension of the batch to its sample, by `RANGE` at most; return the node that it comes to.
 
@@ -297,9 +297,9 @@ def _go_on(
     return int(add_reached(search, tree, node))
 
 
-@lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64, int64))
+@vector_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64, int64))
 def _grow(
-    world: LaneWorld,
+    world: BatchWorld,
     sampling: Sampling,
     search: TreeSearch,
     clearance: float,
@@ -342,7 +342,7 @@ def _grow(
     return GOING_ON
 
 
-@lane_kernel
+@vector_kernel
 def grow(
     world: Indices,
     sampling: Indices,

@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from guidefield.kernels.collide.batch_collision import motion_free
-from guidefield.kernels.collide.layout import LaneWorld, world_of
+from guidefield.kernels.collide.layout import BatchWorld, world_of
 from guidefield.kernels.jit.arrays import Indices, Rows, RowsOut, SingleRows
-from guidefield.kernels.jit.decorators import lane_kernel, lane_part
+from guidefield.kernels.jit.decorators import vector_kernel, vector_part
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import LANES
 
@@ -20,8 +20,8 @@ from guidefield.kernels.simd.vector import LANES
 _STEP_X, _STEP_Y = 0.7548776662466927, 0.5698402909980532
 
 
-@lane_part
-def _length(world: LaneWorld, path: np.ndarray, segment: int) -> float:
+@vector_part
+def _length(world: BatchWorld, path: np.ndarray, segment: int) -> float:
     """Length of a segment of a path, each coordinate as it counts."""
     square = 0.0
     for j in range(path.shape[1]):
@@ -29,15 +29,15 @@ def _length(world: LaneWorld, path: np.ndarray, segment: int) -> float:
     return math.sqrt(square)
 
 
-@lane_part
-def _total(world: LaneWorld, path: np.ndarray, count: int) -> float:
+@vector_part
+def _total(world: BatchWorld, path: np.ndarray, count: int) -> float:
     total = 0.0
     for segment in range(count - 1):
         total += _length(world, path, segment)
     return total
 
 
-@lane_part
+@vector_part
 def _move(path: np.ndarray, first: int, count: int, by: int) -> None:
     """Move the points from `first` on by some places, towards the end where that is positive."""
     for k in range(count - first):
@@ -46,8 +46,8 @@ def _move(path: np.ndarray, first: int, count: int, by: int) -> None:
             path[i + by, j] = path[i, j]
 
 
-@lane_part
-def _place(world: LaneWorld, path: np.ndarray, count: int, along: float, point: int) -> int:
+@vector_part
+def _place(world: BatchWorld, path: np.ndarray, count: int, along: float, point: int) -> int:
     """Write the place so far along a path into one of its rows; the segment that it is on."""
     segment = 0
     while segment < count - 2 and along > _length(world, path, segment):
@@ -59,8 +59,8 @@ def _place(world: LaneWorld, path: np.ndarray, count: int, along: float, point: 
     return segment
 
 
-@lane_part
-def _without_detours(world: LaneWorld, path: np.ndarray, count: int, clearance: float, resolution: float) -> int:
+@vector_part
+def _without_detours(world: BatchWorld, path: np.ndarray, count: int, clearance: float, resolution: float) -> int:
     """From each point on, leave out all before the farthest that is reached straight; return how many are left."""
     i = 0
     while i < count - 2:
@@ -73,9 +73,9 @@ def _without_detours(world: LaneWorld, path: np.ndarray, count: int, clearance: 
     return count
 
 
-@lane_part
+@vector_part
 def _with_shortcuts(
-    world: LaneWorld, path: np.ndarray, count: int, clearance: float, resolution: float, tries: int
+    world: BatchWorld, path: np.ndarray, count: int, clearance: float, resolution: float, tries: int
 ) -> int:
     """Take straight ways between places on a path, where they are free; how many points it has then.
 
@@ -98,13 +98,13 @@ def _with_shortcuts(
     return count
 
 
-@lane_kernel
+@vector_kernel
 def shorten(
     words: Indices, path: Rows, clearance: float, resolution: float, tries: int, rows: SingleRows, short_out: RowsOut
 ) -> int:
     """Leave out detours of a path (n, nv), take straight ways between places on it, and leave out detours again.
 
-    `words` are a packed `LaneWorld`, `clearance` is kept from obstacles [m], `resolution` is samples per length
+    `words` are a packed `BatchWorld`, `clearance` is kept from obstacles [m], `resolution` is samples per length
     [1/rad or 1/m], `tries` the number of pairs of places; scratch of shape (n + tries + 2, nv), float32, and so is
     `short_out`, whose ends are as they were given. Returns the count of points.
     """

@@ -183,7 +183,7 @@ class GuidedPath:
         A sample that is too close refuses it sooner.
         """
         z0, z1 = swept_world(self.problem.world).ends(q0, q1)
-        if not self.problem.lanes.free_until(np.array([z0, z1]), RESOLUTION, self.margin):
+        if not self.problem.batch.free_until(np.array([z0, z1]), RESOLUTION, self.margin):
             self._refused = (z0, z1)
             return False
         verdict = motion_free(self.problem.world, z0, z1, self.margin)

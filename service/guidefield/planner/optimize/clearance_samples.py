@@ -2,8 +2,8 @@
 
 All of it is the objective of the optimisation, a proposal: the constants change the motion that comes out, how often
 the certificate refuses it, and the time; service/docs/algorithm.md, "Optimise", repeats `LEAST_RANGE_SHARE`,
-`CONSTRAINT_ROOM` and half of `CONSTRAINT_WEIGHT`. The order of points (the few of a link first, in blocks of lanes) is
-the kernels' (kernels/optimize/barrier.py).
+`CONSTRAINT_ROOM` and half of `CONSTRAINT_WEIGHT`. The order of points (the few of a link first, by SIMD batches) is the
+kernels' (kernels/optimize/barrier.py).
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
 
 
 def in_blocks(points: np.ndarray, few: int) -> np.ndarray:
-    """Points (n, 3) of a link, the first few of them first, ordered so that each block of lanes is of neighbours."""
+    """Points (n, 3) of a link, the first few of them first, ordered so that each SIMD batch has neighbours."""
     return np.concatenate([_by_place(points[:few]), _by_place(points[few:])])
 
 

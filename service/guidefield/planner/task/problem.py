@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.task.effort import EffortLimit
@@ -241,8 +241,8 @@ class Problem(Conditions):
         return cast(LocalRate, np.zeros(self.group.nv)) if rates is None else rates
 
     @cached_property
-    def lanes(self) -> BatchCollision:
-        """The world for collision checks of SIMD batches (lanes)."""
+    def batch(self) -> BatchCollision:
+        """The world for collision checks of SIMD batches."""
         return BatchCollision.build(self.world)
 
     def at(self, time: float) -> Problem:

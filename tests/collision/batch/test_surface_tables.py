@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guidefield.collision.lanes.surface_tables import large_surface
+from guidefield.collision.batch.surface_tables import large_surface
 from guidefield.geometry import cache
 from guidefield.geometry.convex import CLUSTERS, count_boxed
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, PART, POLYTOPE, SHAPE

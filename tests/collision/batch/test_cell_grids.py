@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import (
     CHILDREN,
@@ -16,27 +16,27 @@ from guidefield.kernels.collide.layout import (
     LEVELS,
     START,
     TOGETHER,
-    LaneBodies,
+    BatchBodies,
 )
 from guidefield.kernels.collide.self_narrowphase import APART, TOUCHING, UNJUDGED, UNKNOWN
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import build
-from tests.collision.lanes.test_lanes import draw
+from tests.collision.batch.test_batch_collision import draw
 from tests.robots import box_arm, group, grouped
 
 
 def alone(planned: PlanningGroup) -> tuple[World, BatchCollision]:
     """A robot that only has itself, none of whose cells have been judged."""
     world = World.build(planned, build(messages.Scene(name="nothing")))
-    lanes = BatchCollision.build(world)
-    unjudge(lanes)
-    return world, lanes
+    batch = BatchCollision.build(world)
+    unjudge(batch)
+    return world, batch
 
 
-def unjudge(lanes: BatchCollision, room: int | None = None) -> None:
+def unjudge(batch: BatchCollision, room: int | None = None) -> None:
     """Forget all verdicts; leave room for so many cells that others are divided into, all there is unless told."""
-    cells, grids = lanes.tables.bodies.cells, lanes.tables.bodies.grids.reshape(-1, GRID_PLACES)
+    cells, grids = batch.tables.bodies.cells, batch.tables.bodies.grids.reshape(-1, GRID_PLACES)
     counts = [row[1:START:3] >> row[LEVELS] * row[DIVIDED] for row in grids]
     ends = [
         row[TOGETHER] + np.prod(-(-count // (1 << row[DIVIDED])))
@@ -44,11 +44,11 @@ def unjudge(lanes: BatchCollision, room: int | None = None) -> None:
         if row[1] > 0
     ]
     cells[:] = UNJUDGED
-    lanes.tables.bodies.apart[:] = 0
+    batch.tables.bodies.apart[:] = 0
     cells[0] = max(ends, default=CHILDREN) if room is None else len(cells) - room
 
 
-def judged(bodies: LaneBodies) -> dict[tuple[int, ...], int]:
+def judged(bodies: BatchBodies) -> dict[tuple[int, ...], int]:
     """What is known of each cell that was judged: of meeting, divisions so far, and its indices among such cells."""
     found = {}
 
@@ -88,9 +88,9 @@ def distance(world: World, z: np.ndarray, first: int, second: int) -> float:
 
 @pytest.mark.parametrize(("robot", "verdict"), [("panda", APART), ("boxes", APART), ("boxes", TOUCHING)])
 def test_verdicts_hold_at_the_corners_of_cells(robot: str, verdict: int) -> None:
-    world, lanes = alone(arm(robot))
-    lanes.touching(draw(world.group, 400, 1))
-    bodies, rng, seen = lanes.tables.bodies, np.random.default_rng(0), set()
+    world, batch = alone(arm(robot))
+    batch.touching(draw(world.group, 400, 1))
+    bodies, rng, seen = batch.tables.bodies, np.random.default_rng(0), set()
     grids, numbers = bodies.grids.reshape(-1, GRID_PLACES), bodies.grid_numbers.reshape(-1, GRID_NUMBERS)
     pairs, meetings = bodies.pairs.reshape(-1, 3), bodies.meetings.reshape(-1, 4)
     cells = [cell for cell, known in judged(bodies).items() if known == verdict]
@@ -112,14 +112,14 @@ def test_verdicts_hold_at_the_corners_of_cells(robot: str, verdict: int) -> None
 
 @pytest.mark.parametrize("robot", ["panda", "ur5", "boxes"])
 def test_answers_do_not_depend_on_what_was_asked_before(robot: str) -> None:
-    world, lanes = alone(arm(robot))
+    world, batch = alone(arm(robot))
     zs = draw(world.group, 200, 2)
-    first = lanes.touching(zs)
-    known = judged(lanes.tables.bodies)
+    first = batch.touching(zs)
+    known = judged(batch.tables.bodies)
     np.testing.assert_array_equal(BatchCollision.build(world).touching(zs), first)
-    assert judged(lanes.tables.bodies) == known
-    unjudge(lanes)
-    np.testing.assert_array_equal(lanes.touching(zs[::-1]), first[::-1])
-    assert judged(lanes.tables.bodies) == known
+    assert judged(batch.tables.bodies) == known
+    unjudge(batch)
+    np.testing.assert_array_equal(batch.touching(zs[::-1]), first[::-1])
+    assert judged(batch.tables.bodies) == known
     assert APART in known.values()
     assert UNKNOWN not in known.values() or robot != "panda"

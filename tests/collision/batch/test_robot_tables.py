@@ -8,11 +8,11 @@ import pinocchio as pin
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
+from guidefield.collision.batch.batch_collision import BatchCollision, prune_pairs
+from guidefield.collision.batch.robot_tables import batch_robot
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.lanes.lanes import BatchCollision, prune_pairs
-from guidefield.collision.lanes.robot_tables import lane_robot
 from guidefield.collision.world import World
-from guidefield.kernels.collide.layout import BAND, LaneBodies
+from guidefield.kernels.collide.layout import BAND, BatchBodies
 from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.packing import pack
 from guidefield.messages import scene as messages
@@ -23,9 +23,9 @@ from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, catalog_share
 from guidefield.scene.scene import build
-from tests.collision.lanes.test_cell_grids import distance
-from tests.collision.lanes.test_lanes import draw, narrowest, zoo
-from tests.kernels.collide.lane_callers import placements_of_configurations
+from tests.collision.batch.test_batch_collision import draw, narrowest, zoo
+from tests.collision.batch.test_cell_grids import distance
+from tests.kernels.collide.batch_callers import placements_of_configurations
 from tests.robot.random_chains import chains
 from tests.robots import box_arm, group, grouped, load, robot
 
@@ -76,12 +76,12 @@ def long_ones(planned: PlanningGroup, zs: np.ndarray) -> np.ndarray:
     return np.where(planned.winds, 3.0 * long, long)  # whatever is asked of an angle whose turns count
 
 
-def assert_placed_alike(planned: PlanningGroup, lanes: BatchCollision, zs: np.ndarray) -> None:
+def assert_placed_alike(planned: PlanningGroup, batch: BatchCollision, zs: np.ndarray) -> None:
     coordinates = np.ascontiguousarray(zs.T, np.float32).ravel()
     coordinates.setflags(write=False)
     model = planned.model
     poses, data, turns = np.zeros(model.njoints * POSE, np.float32), model.createData(), {}
-    placements_of_configurations(lanes.tables.joints, coordinates, poses)
+    placements_of_configurations(batch.tables.joints, coordinates, poses)
     poses = poses.reshape(-1, 3, 4, 16)
     for lane, z in enumerate(zs):
         pin.forwardKinematics(model, data, planned.expand_from_local(z))
@@ -96,13 +96,13 @@ def assert_placed_alike(planned: PlanningGroup, lanes: BatchCollision, zs: np.nd
 
 @pytest.mark.parametrize("name", [*CHAINS, *BALLS, "panda", "ur5", "kinova"])
 def test_placements_are_pinocchios(name: str) -> None:
-    world, lanes = world_of(name)
+    world, batch = world_of(name)
     zs = draw(world.group, 16, 1)
-    assert_placed_alike(world.group, lanes, zs)
-    assert_placed_alike(world.group, lanes, np.zeros_like(zs))
+    assert_placed_alike(world.group, batch, zs)
+    assert_placed_alike(world.group, batch, np.zeros_like(zs))
     further = long_ones(world.group, zs)
     assert np.abs(further).max() > np.pi
-    assert_placed_alike(world.group, lanes, further)
+    assert_placed_alike(world.group, batch, further)
 
 
 @settings(max_examples=5)
@@ -112,17 +112,17 @@ def test_random_robots_are_where_pinocchio_has_them_and_touch_where_coal_says(ur
     assume(any(joint.mimic is None for joint in model.joints))
     planned = away(model, seed)
     world = World.build(planned, build(Scene(name="nothing")))
-    lanes, zs = BatchCollision.build(world), draw(planned, 16, seed)
-    assert_placed_alike(planned, lanes, zs)
-    for z, mine in zip(zs, lanes.touching(zs), strict=True):
+    batch, zs = BatchCollision.build(world), draw(planned, 16, seed)
+    assert_placed_alike(planned, batch, zs)
+    for z, mine in zip(zs, batch.touching(zs), strict=True):
         assert mine == world.in_collision(planned.expand_from_local(z)) or abs(narrowest(world, z)) <= BAND
 
 
 @pytest.mark.parametrize("name", [*CHAINS[1:], *BALLS, MESHES])
 def test_touching_is_what_coal_says(name: str) -> None:
-    world, lanes = world_of(name)
+    world, batch = world_of(name)
     zs = draw(world.group, 600, 2)
-    mine = lanes.touching(zs)
+    mine = batch.touching(zs)
     coal = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     assert 0 < coal.sum() < len(zs)
     for z in zs[mine != coal]:
@@ -143,18 +143,18 @@ def obstacle(kind: str, centre: np.ndarray, rng: np.random.Generator) -> message
     return messages.Box(size=(0.005, 0.01, 0.25) if kind == "rod" else (0.1, 0.15, 0.004), **placed)
 
 
-def without_inner_balls(lanes: BatchCollision) -> BatchCollision:
+def without_inner_balls(batch: BatchCollision) -> BatchCollision:
     """The same robot, but not kept from itself, and nothing known of its inside."""
-    bodies = lanes.tables.bodies
-    tables = lanes.tables._replace(bodies=bodies._replace(inners=np.zeros_like(bodies.inners), n_meetings=0))
-    return dataclasses.replace(lanes, words=pack(tables))
+    bodies = batch.tables.bodies
+    tables = batch.tables._replace(bodies=bodies._replace(inners=np.zeros_like(bodies.inners), n_meetings=0))
+    return dataclasses.replace(batch, words=pack(tables))
 
 
 @pytest.mark.parametrize("kind", ["rod", "plate", "cylinder", "capsule"])
 def test_thin_obstacles_near_the_middles_of_pieces(kind: str) -> None:
     planned, rng = group("ur5"), np.random.default_rng(5)
-    lanes = BatchCollision.build(World.build(planned, build(messages.Scene(name="empty", obstacles=[]))))
-    bodies, joints = lanes.tables.bodies, lanes.tables.joints
+    batch = BatchCollision.build(World.build(planned, build(messages.Scene(name="empty", obstacles=[]))))
+    bodies, joints = batch.tables.bodies, batch.tables.joints
     verdicts = []
     for _ in range(60):
         z = planned.to_local(planned.random(rng))
@@ -182,7 +182,7 @@ TWO_BALLS = """<robot name="balls"><link name="base"/>
 """Two balls that turn about one axis, at distances 0.1 and x from it: they meet if x < 0.3."""
 
 
-def meeting(bodies: LaneBodies) -> set[tuple[int, int]]:
+def meeting(bodies: BatchBodies) -> set[tuple[int, int]]:
     """Pairs of bodies that are asked whether they touch."""
     pairs = bodies.pairs.reshape(-1, 3)
     rows = [pairs[first:last, :2] for first, last in bodies.meetings.reshape(-1, 4)[:, 2:].tolist()]
@@ -192,7 +192,7 @@ def meeting(bodies: LaneBodies) -> set[tuple[int, int]]:
 def left_out(planned: PlanningGroup) -> tuple[World, set[tuple[int, int]], set[tuple[int, int]]]:
     """The robot among nothing, its pairs, and those of them that are left out."""
     world = World.build(planned, build(messages.Scene(name="nothing")))
-    robot = lane_robot(planned, world.pairs.own)
+    robot = batch_robot(planned, world.pairs.own)
     left = meeting(prune_pairs(robot, planned.nv).bodies)
     every = meeting(robot.bodies)
     assert left <= every

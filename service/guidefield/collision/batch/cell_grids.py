@@ -22,7 +22,7 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     OFFSET,
     SLIDING,
     TURNING,
-    LaneJoints,
+    BatchJoints,
 )
 
 MOST_LARGEST_CELLS = (1, 1 << 12, 1 << 18, 1 << 18)  # most undivided cells of a grid over 0, 1, 2, 3 coordinates
@@ -41,7 +41,7 @@ MOTION_FACTOR = 1.001  # on the motion within a cell, because places on the grid
 
 
 class Grids(NamedTuple):
-    """The arrays of kernels/collide/layout.py's `LaneBodies` of the same names, with nothing known of any cell.
+    """The arrays of kernels/collide/layout.py's `BatchBodies` of the same names, with nothing known of any cell.
 
     `cells` has a header of `CHILDREN`, whose first number says where the array is free; then each grid's undivided
     cells and the blocks of these that are judged together; then room for `MOST_CHILDREN`. `apart` has a bit for each
@@ -64,8 +64,8 @@ class _Side(NamedTuple):
     lever: float
 
 
-def lane_grids(
-    joints: LaneJoints,
+def batch_grids(
+    joints: BatchJoints,
     meetings: np.ndarray,
     carrying: np.ndarray,
     covers: Sequence[np.ndarray],
@@ -128,7 +128,7 @@ def _counts(sides: list[_Side], most: int) -> list[int]:
     return counts
 
 
-def _way(joints: LaneJoints, numbers: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]] | None:
+def _way(joints: BatchJoints, numbers: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]] | None:
     """Find the joints that move two joints' bodies past each other: above the first alone, and above the second alone.
 
     None if they depend on more than `GRID_SIDES` coordinates, or on one of a joint that neither turns nor slides.
@@ -147,7 +147,7 @@ def _way(joints: LaneJoints, numbers: np.ndarray, a: int, b: int) -> tuple[list[
 
 
 def _sides(
-    joints: LaneJoints,
+    joints: BatchJoints,
     numbers: np.ndarray,
     ways: tuple[list[int], list[int]],
     covers: tuple[np.ndarray, np.ndarray],

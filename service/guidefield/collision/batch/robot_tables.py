@@ -17,13 +17,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.lanes.cell_grids import lane_grids
+from guidefield.collision.batch.cell_grids import batch_grids
 from guidefield.collision.part_tables import BodyParts, PartsTable, robot_parts
 from guidefield.geometry.convex import hull_planes, polytope_about
 from guidefield.geometry.decomposition import ConvexPart, Decomposition
 from guidefield.geometry.surfaces import furthest, spread_and_axes, spread_directions, transform_points
 from guidefield.kernels.collide.batch_collision import FRACTIONS
-from guidefield.kernels.collide.layout import BAND, GRID_SIDES, LaneBodies
+from guidefield.kernels.collide.layout import BAND, GRID_SIDES, BatchBodies
 from guidefield.kernels.collide.parts import SURFACE, Parts
 from guidefield.kernels.cover.cut_halves import not_beyond
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
@@ -40,7 +40,7 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     SLIDING,
     SQUARE,
     TURNING,
-    LaneJoints,
+    BatchJoints,
 )
 from guidefield.memo import SharedAnswer, memoized_by_value
 from guidefield.read_only import read_only
@@ -72,7 +72,7 @@ _SAME_DIRECTION = 3e-8  # directions that differ less are the same in float32
 class LinkTables(SharedAnswer):
     """The collision shapes of a group as the kernels read them, whichever pairs of them must not touch."""
 
-    joints: LaneJoints  # its joints; rotation vectors start from the identity, see `turn_from`
+    joints: BatchJoints  # its joints; rotation vectors start from the identity, see `turn_from`
     parts: Parts  # hulls of the shapes and of their pieces, in the turned frames of joints
     roots: np.ndarray  # the node of each shape's hull, shape (n,)
     pieces: list[np.ndarray]  # nodes of each shape's nearly convex pieces, which together contain it
@@ -163,14 +163,14 @@ def _surface_of(vertices: np.ndarray, faces: np.ndarray, part: ConvexPart) -> np
 
 
 @dataclass(frozen=True, eq=False)
-class LaneRobot:
+class BatchRobot:
     """A robot for SIMD batches: joints with one axis turn about z or slide along it, bodies are in their frames."""
 
     links: LinkTables  # its collision shapes, shared by robots with other pairs
-    joints: LaneJoints
-    bodies: LaneBodies
+    joints: BatchJoints
+    bodies: BatchBodies
     pieces_paired: int  # how many pairs of pieces there are
-    fractions: np.ndarray  # as `LaneWorld` has them
+    fractions: np.ndarray  # as `BatchWorld` has them
 
     @property
     def parts(self) -> Parts:
@@ -183,7 +183,7 @@ class LaneRobot:
         return self.links.surfaces.parts
 
 
-def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
+def batch_robot(group: PlanningGroup, pairs: np.ndarray) -> BatchRobot:
     """Build the tables of a group and the pairs (p, 2) of its shapes' indices that must not touch each other.
 
     Raises:
@@ -201,9 +201,9 @@ def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
     whole = [np.concatenate([covers[body] for body in bodies]) for bodies in members]
     several = [bool((products[first:last] > 1).any()) for first, last in meetings[:, 2:].tolist()]
     most = np.where(several, GRID_SIDES, GRID_SIDES - 1)
-    grids = lane_grids(links.joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]), most)
+    grids = batch_grids(links.joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]), most)
     nodes = np.concatenate([np.empty(0, np.int64), *pieces])
-    bodies = LaneBodies(
+    bodies = BatchBodies(
         size=len(joints),
         carriers=len(carrying),
         moving=int(np.count_nonzero(carrying)),
@@ -235,7 +235,7 @@ def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
         array.setflags(write=False)
     fractions = np.concatenate([FRACTIONS, 1.0 / group.sizes]).astype(np.float32)
     read_only(fractions)
-    return LaneRobot(links, links.joints, bodies, int(places[-1]), fractions)
+    return BatchRobot(links, links.joints, bodies, int(places[-1]), fractions)
 
 
 def _surface_points(shape: Any) -> np.ndarray:
@@ -292,7 +292,7 @@ def _turns(model: Any) -> list[np.ndarray]:
     return turns
 
 
-def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
+def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> BatchJoints:
     table = joints_of(group)
     n = len(table.parents)
     numbers = np.zeros((n, JOINT))
@@ -312,18 +312,18 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
         placement = np.c_[turn, turns[table.parents[i]].T @ table.placements[i][:, 3]]
         rest = (row[sources[i]], offset, 0.0, 0.0) if kinds[i] in (TURNING, SLIDING) else (0.0, 0.0, 0.0, 1.0)
         numbers[i] = *placement.ravel(), *rest
-    joints = LaneJoints(n, np.array(table.parents), kinds, forms, sources, numbers.ravel().astype(np.float32))
+    joints = BatchJoints(n, np.array(table.parents), kinds, forms, sources, numbers.ravel().astype(np.float32))
     for array in joints[1:]:
         array.setflags(write=False)
     return joints
 
 
-def turns_freely(joints: LaneJoints) -> bool:
+def turns_freely(joints: BatchJoints) -> bool:
     """Tell if a joint turns about a point: by a rotation vector, which has an origin."""
     return bool(joints.kinds.max(initial=TURNING) >= BALL)
 
 
-def turn_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
+def turn_from(joints: BatchJoints, group: PlanningGroup) -> BatchJoints:
     """Return the same joints, with rotation vectors that start at the group's origin."""
     numbers, balls = joints.numbers.reshape(-1, JOINT).copy(), {joint.name: joint for joint in group.joints}
     for i in np.flatnonzero(joints.kinds >= BALL).tolist():

@@ -1,4 +1,4 @@
-"""Steps of lane kernels as kernels that Python can call: production calls them from kernels only."""
+"""Steps of vector kernels as kernels that Python can call: production calls them from kernels only."""
 
 import numpy as np
 from numba import int64, types, void
@@ -6,7 +6,7 @@ from numba import int64, types, void
 from guidefield.kernels.collide.layout import world_of
 from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, Floats32
 from guidefield.kernels.jit.decorators import make_kernel as kernel
-from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
+from guidefield.kernels.kinematics.batch_forward_kinematics import BATCH_JOINTS, BatchJoints, batch_placements
 from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector import LANES
 from guidefield.kernels.tree.informed_samples import sampling_of
@@ -16,10 +16,10 @@ from guidefield.kernels.tree.rrt_connect import certain_hits
 TARGETS = types.Array(types.float32, 2, "C")
 
 
-@kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
-def placements_of_configurations(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
-    """`lane_placements`."""
-    lane_placements(pointers(joints), pointers(coordinates), pointers(poses_out))
+@kernel(void(BATCH_JOINTS, FLOATS, FLOATS_OUT))
+def placements_of_configurations(joints: BatchJoints, coordinates: Floats32, poses_out: Floats32) -> None:
+    """`batch_placements`."""
+    batch_placements(pointers(joints), pointers(coordinates), pointers(poses_out))
 
 
 @kernel(void(INDICES, INDICES, int64, TARGETS, INDICES_OUT))

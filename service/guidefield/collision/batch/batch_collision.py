@@ -2,7 +2,7 @@
 
 A sample that is found free is free on the exact geometry, but for contacts shallower than `BAND` (1e-5 m, in
 kernels/collide/layout.py) and what is wholly inside a mesh: a link, or an obstacle that inscribed balls miss. Between
-samples the certificate decides. The order of the packed words (robot, scene, memory, drift) is that of `LaneWorld`.
+samples the certificate decides. The order of the packed words (robot, scene, memory, drift) is that of `BatchWorld`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turn_from, turns_freely
-from guidefield.collision.lanes.scene_tables import BufferLayout, LaneScene, lane_scene, scratch_layout
+from guidefield.collision.batch.robot_tables import BatchRobot, batch_robot, turn_from, turns_freely
+from guidefield.collision.batch.scene_tables import BatchScene, BufferLayout, batch_scene, scratch_layout
 from guidefield.collision.world import World
 from guidefield.kernels.collide.batch_collision import path_free_until, touching_configurations
 from guidefield.kernels.collide.broadphase import write_gaps
@@ -27,9 +27,9 @@ from guidefield.kernels.collide.layout import (
     MEMORY_WORDS,
     PAIR,
     SCENE_WORDS,
+    BatchRobotTables,
+    BatchWorld,
     DriftingBoxes,
-    LaneAlone,
-    LaneWorld,
     Scratch,
     lay_out,
 )
@@ -53,30 +53,30 @@ def prepare_robot(world: World) -> None:
     _robot(world.group, world.pairs.own.tobytes())
 
 
-def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+def _robot(group: PlanningGroup, pairs: bytes) -> tuple[BatchRobot, Words]:
     """Return the tables of a group and its pairs (int64) that must not touch, and the first words of its worlds."""
     made = _alike_robot(group, pairs)
     return _turn_robot(group, pairs) if turns_freely(made[0].joints) else made
 
 
 @memoized
-def _turn_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+def _turn_robot(group: PlanningGroup, pairs: bytes) -> tuple[BatchRobot, Words]:
     robot, _ = _alike_robot(group, pairs)
     return _with_words(dataclasses.replace(robot, joints=turn_from(robot.joints, group)), group)
 
 
 @memoized_for_alike
-def _alike_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+def _alike_robot(group: PlanningGroup, pairs: bytes) -> tuple[BatchRobot, Words]:
     pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
-    robot = lane_robot(group, pairs_of_bodies)
+    robot = batch_robot(group, pairs_of_bodies)
     return _with_words(prune_pairs(robot, group.nv), group)
 
 
-def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:
+def _with_words(robot: BatchRobot, group: PlanningGroup) -> tuple[BatchRobot, Words]:
     return robot, pack((robot.joints, robot.bodies, robot.parts, robot.surfaces, robot.fractions, group.nv))
 
 
-def prune_pairs(robot: LaneRobot, nv: int) -> LaneRobot:
+def prune_pairs(robot: BatchRobot, nv: int) -> BatchRobot:
     """Remove pairs of links that keep apart wherever their nv coordinates are within their limits.
 
     A robot's description rarely names all pairs that can't collide.
@@ -85,7 +85,7 @@ def prune_pairs(robot: LaneRobot, nv: int) -> LaneRobot:
     layout = scratch_layout(robot, nv, len(bodies.pairs) // PAIR, 0)
     views = layout.views(np.zeros(layout.size, np.int64), 0)
     scratch = Scratch(**{name: views[name] for name in Scratch._fields})
-    alone = LaneAlone(robot.joints, bodies, robot.parts, robot.surfaces, scratch)
+    alone = BatchRobotTables(robot.joints, bodies, robot.parts, robot.surfaces, scratch)
     never = np.zeros(bodies.n_meetings, np.bool_)
     never_touching(pack(alone), MOST_JUDGED_CELLS, np.zeros(STACK, np.int64), never)
     meetings = bodies.meetings.reshape(-1, MEETING)[~never].ravel()
@@ -101,7 +101,7 @@ def prune_pairs(robot: LaneRobot, nv: int) -> LaneRobot:
 class BatchCollision:
     """A world for the kernels of SIMD batches; like the world itself it answers one question at a time.
 
-    The words are a packed `LaneWorld`: addresses that are valid as long as `memory`, `scene` and `robot` are held. The
+    The words are a packed `BatchWorld`: addresses that are valid as long as `memory`, `scene` and `robot` are held. The
     first array begins at `begins` in the memory [bytes].
     """
 
@@ -109,8 +109,8 @@ class BatchCollision:
     words: Words
     memory: np.ndarray
     begins: int
-    scene: LaneScene
-    robot: LaneRobot
+    scene: BatchScene
+    robot: BatchRobot
     drifting: DriftingBoxes = NO_DRIFT
 
     @classmethod
@@ -125,11 +125,11 @@ class BatchCollision:
         return cls(world, all_words, memory, begins, scene, robot)
 
     @cached_property
-    def tables(self) -> LaneWorld:
+    def tables(self) -> BatchWorld:
         """The world as arrays."""
         robot, scene, layout = self.robot, self.scene, _of(self.world)[3]
         views = layout.views(self.memory, self.begins)
-        return LaneWorld(
+        return BatchWorld(
             joints=robot.joints,
             bodies=robot.bodies,
             parts=robot.parts,
@@ -189,8 +189,8 @@ class BatchCollision:
         return cast(LocalPoints, short[:count].copy())
 
 
-def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, BufferLayout]:
+def _of(world: World) -> tuple[BatchRobot, Words, BatchScene, BufferLayout]:
     own = world.pairs.own
     robot, words = _robot(world.group, own.tobytes())
-    scene = lane_scene(world.scene)
+    scene = batch_scene(world.scene)
     return robot, words, scene, scratch_layout(robot, len(world.group.lower), len(own), len(scene.owners))

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.collision.batch.batch_collision import BatchCollision
+from guidefield.collision.batch.scene_tables import batch_scene, prepare_scene
 from guidefield.collision.clearance import clearance_at, enclosed
-from guidefield.collision.lanes.lanes import BatchCollision
-from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.geometry import surfaces
@@ -21,7 +21,7 @@ from guidefield.messages.values import Float32Array
 from guidefield.robot.link_charges import surface_points
 from guidefield.robot.model.collision_shapes import triangulation
 from guidefield.scene.scene import Scene, build
-from tests.collision.lanes.test_lanes import torus
+from tests.collision.batch.test_batch_collision import torus
 from tests.collision.scenery import scattered
 from tests.robots import group, random_configuration
 from tests.scene.solids import box_mesh, l_prism, mesh_message, room
@@ -56,7 +56,7 @@ def test_preparing_a_scene_stops_when_time_is_up_and_goes_on_later() -> None:
             prepare_scene(made, Deadline(is_cancelled=lambda answers=answers: next(answers)))
     prepare_scene(made, UNLIMITED)
     prepare_scene(made, Deadline(0.0))  # nothing is left to do
-    assert len(lane_scene(made).owners) > 0
+    assert len(batch_scene(made).owners) > 0
 
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -146,9 +146,9 @@ def narrowest(world: World, z: np.ndarray) -> float:
 
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 def test_touching_is_what_coal_says(robot: str) -> None:
-    world, lanes = world_of(robot)
+    world, batch = world_of(robot)
     zs = draw(world, 1000, 2)
-    mine = lanes.touching(zs)
+    mine = batch.touching(zs)
     by_coal = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     assert 0.2 < by_coal.mean() < 0.9
     for z in zs[mine & ~by_coal]:  # Coal sees a link's surface: a ball may be wholly inside
@@ -159,7 +159,7 @@ def test_touching_is_what_coal_says(robot: str) -> None:
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 def test_close_to_contact_too(robot: str) -> None:
     """Where a motion into contact is halved down to a micrometre, both still agree but within the band."""
-    world, lanes = world_of(robot)
+    world, batch = world_of(robot)
     zs = draw(world, 300, 3)
     touching = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     for free, hit in zip(zs[~touching], zs[touching][:12], strict=False):
@@ -168,7 +168,7 @@ def test_close_to_contact_too(robot: str) -> None:
             middle = 0.5 * (low + high)
             low, high = (low, middle) if world.in_collision(world.group.expand_from_local(middle)) else (middle, high)
         rows = np.concatenate([np.linspace(free, hit, 41), low + np.linspace(-1e-5, 1e-5, 9)[:, None]])
-        mine = lanes.touching(rows)
+        mine = batch.touching(rows)
         by_coal = np.array([world.in_collision(world.group.expand_from_local(row)) for row in rows])
         assert not (by_coal & ~mine).any() or max(narrowest(world, row) for row in rows[by_coal & ~mine]) <= BAND
         for row in rows[mine & ~by_coal]:
@@ -176,9 +176,9 @@ def test_close_to_contact_too(robot: str) -> None:
 
 
 def test_a_clearance_is_kept() -> None:
-    world, lanes = world_of("panda")
+    world, batch = world_of("panda")
     zs = draw(world, 300, 6)
-    for z, touches in zip(zs, lanes.touching(zs, 0.05), strict=True):
+    for z, touches in zip(zs, batch.touching(zs, 0.05), strict=True):
         clearance = clearance_at(world, world.group.expand_from_local(z))
         if min(abs(clearance.obstacle_distance - 0.05), abs(clearance.self_distance)) > BAND:
             assert touches == (clearance.obstacle_distance < 0.05 or clearance.self_distance < 0.0)

@@ -19,8 +19,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.lanes.robot_tables import LaneRobot
-from guidefield.collision.lanes.surface_tables import (
+from guidefield.collision.batch.robot_tables import BatchRobot
+from guidefield.collision.batch.surface_tables import (
     CLUSTER,
     boxes_about,
     cloud_parts,
@@ -44,8 +44,8 @@ from guidefield.kernels.collide.layout import (
     HITS,
     LINE,
     SCENE_WORDS,
-    LaneObstacles,
-    LaneWorld,
+    BatchObstacles,
+    BatchWorld,
     Scratch,
 )
 from guidefield.kernels.collide.parts import BALL_ROW, FIRST_BLOCK, LINK, PART, SHAPE, Parts
@@ -79,7 +79,7 @@ class BufferLayout(NamedTuple):
 
 
 @memoized
-def scratch_layout(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> BufferLayout:
+def scratch_layout(robot: BatchRobot, nv: int, own_pairs: int, obstacles: int) -> BufferLayout:
     """Lay out a world's scratch, configuration block and ignored pairs, for nv coordinates.
 
     The obstacles themselves are in `obstacle_tables_layout`.
@@ -105,7 +105,7 @@ def scratch_layout(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) ->
         "obstacle_places": 1 + met,
         "pair_places": 1 + robot.pieces_paired,
     }
-    arrays, size = _one_after_another(lengths, LaneObstacles, Scratch, LaneWorld)
+    arrays, size = _one_after_another(lengths, BatchObstacles, Scratch, BatchWorld)
     offsets = [arrays[name][0] for name in ("ignored", *Scratch._fields, "block")]
     return BufferLayout(size, np.array(offsets, np.int64), arrays)
 
@@ -126,8 +126,8 @@ def obstacle_tables_layout(primitives: int, obstacles: int) -> BufferLayout:
         "numbers": PART * primitives,
         "vertices": BLOCK * primitives,
     }
-    arrays, size = _one_after_another(lengths, LaneObstacles, Parts)
-    offsets = [arrays[name][0] for name in (*LaneObstacles._fields[1:], *Parts._fields)]
+    arrays, size = _one_after_another(lengths, BatchObstacles, Parts)
+    offsets = [arrays[name][0] for name in (*BatchObstacles._fields[1:], *Parts._fields)]
     return BufferLayout(size, np.array([obstacles, *offsets], np.int64), arrays)
 
 
@@ -168,24 +168,24 @@ class _Tables(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LaneScene:
+class BatchScene:
     """Obstacles for SIMD batches, primitives first."""
 
     owners: np.ndarray  # the obstacle of the scene that each primitive represents, shape (n,)
     # root of each obstacle of the scene in the parts, shape (o,); a cloud's is one ball at the origin
     roots: np.ndarray
     words: Words  # obstacles and parts, packed: valid as long as this is held
-    made: Callable[[], tuple[LaneObstacles, Parts]]  # makes the same as arrays; holds their memory
+    made: Callable[[], tuple[BatchObstacles, Parts]]  # makes the same as arrays; holds their memory
     # that memory, and where in it the first array is [bytes]; None where there are others than primitives
     memory: tuple[np.ndarray, int] | None = None
 
     @cached_property
-    def tables(self) -> tuple[LaneObstacles, Parts]:
+    def tables(self) -> tuple[BatchObstacles, Parts]:
         """The primitives, without allowed pairs, and the parts."""
         return self.made()
 
 
-def _over(known: LaneScene, rows: Rows, scene: Scene) -> LaneScene | None:
+def _over(known: BatchScene, rows: Rows, scene: Scene) -> BatchScene | None:
     if known.memory is None or scene.others or not rows.in_place:
         return None
     memory, begins = known.memory
@@ -204,7 +204,7 @@ def _over(known: LaneScene, rows: Rows, scene: Scene) -> LaneScene | None:
     return _in_memory(known.owners, words, layout, moved, there)
 
 
-def _overwrite(views: dict[str, np.ndarray], index: int, one: LaneObstacles, parts: Parts) -> bool:
+def _overwrite(views: dict[str, np.ndarray], index: int, one: BatchObstacles, parts: Parts) -> bool:
     """Write a primitive over another one in the tables of many; False if that is of another kind."""
     if views["kinds"][index] != one.kinds[0]:
         return False
@@ -219,7 +219,7 @@ def _overwrite(views: dict[str, np.ndarray], index: int, one: LaneObstacles, par
 
 
 @incremental(_over)
-def lane_scene(scene: Scene) -> LaneScene:
+def batch_scene(scene: Scene) -> BatchScene:
     """Build the tables of a scene's obstacles: primitives by a kernel, of the others those that are known by obstacle.
 
     Raises:
@@ -238,10 +238,10 @@ def lane_scene(scene: Scene) -> LaneScene:
     roots[kept], roots[others] = obstacles.roots, [table.add_parts(one.parts) for one in tables]
     made = _behind(obstacles, tables, roots[others]), table.tables()
     read_only(roots, *made[0][1:])
-    return LaneScene(owners, roots, pack(made), lambda: made)
+    return BatchScene(owners, roots, pack(made), lambda: made)
 
 
-def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
+def _primitives(placed: np.ndarray, owners: np.ndarray) -> BatchScene:
     """Build the tables of primitives, rows as `primitive.PLACED` packs them; each is an obstacle."""
     layout = obstacle_tables_layout(len(placed), len(owners))
     memory, words = np.zeros(layout.size, np.int64), np.empty(SCENE_WORDS, np.int64)
@@ -250,18 +250,18 @@ def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
     return _in_memory(owners, words, layout, memory, begins)
 
 
-def _in_memory(owners: np.ndarray, words: Words, layout: BufferLayout, memory: np.ndarray, begins: int) -> LaneScene:
+def _in_memory(owners: np.ndarray, words: Words, layout: BufferLayout, memory: np.ndarray, begins: int) -> BatchScene:
 
-    def make() -> tuple[LaneObstacles, Parts]:
+    def make() -> tuple[BatchObstacles, Parts]:
         views = layout.views(memory, begins)
-        obstacles = LaneObstacles(len(owners), *(views[name] for name in LaneObstacles._fields[1:]))
+        obstacles = BatchObstacles(len(owners), *(views[name] for name in BatchObstacles._fields[1:]))
         return obstacles, Parts(**{name: views[name] for name in Parts._fields})
 
     read_only(owners)
-    return LaneScene(owners, owners, words, make, (memory, begins))
+    return BatchScene(owners, owners, words, make, (memory, begins))
 
 
-def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) -> LaneObstacles:
+def _behind(obstacles: BatchObstacles, tables: list[_Tables], roots: np.ndarray) -> BatchObstacles:
     """Join the tables of primitives and those of other obstacles, whose parts begin at given nodes, shape (k,)."""
     n = len(obstacles.kinds)
     places = np.concatenate([one.places for one in tables])
@@ -270,7 +270,7 @@ def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) 
     all_boxes = obstacles.boxes.copy()
     boxes = np.concatenate([one.boxes for one in tables])
     all_boxes.reshape(-1, 6, LANES)[index // LANES, :, index % LANES] = boxes
-    return LaneObstacles(
+    return BatchObstacles(
         size=obstacles.size,
         kinds=np.concatenate([obstacles.kinds, places[:, 0]]),
         whole=np.concatenate([obstacles.whole, places[:, 1]]),

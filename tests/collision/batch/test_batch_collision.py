@@ -1,4 +1,4 @@
-"""Lanes against Coal: never free where it touches, and no further from it than the stated band; kinematics, motions."""
+"""Batches against Coal: never free where it touches, and no further from it than the stated band; motions."""
 
 import functools
 import itertools
@@ -6,8 +6,8 @@ import itertools
 import numpy as np
 import pytest
 
+from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
 from guidefield.kernels.collide.layout import BAND
@@ -83,9 +83,9 @@ def narrowest(world: World, z: np.ndarray) -> float:
 @pytest.mark.parametrize("scene", ["zoo", "bookshelf", "wall_with_window"])
 def test_touching_is_what_coal_says(robot: str, scene: str) -> None:
     """Some 5,000 configurations in all."""
-    world, lanes = world_of(robot, scene)
+    world, batch = world_of(robot, scene)
     zs = draw(world.group, COUNTS[robot], 2)
-    mine = lanes.touching(zs)
+    mine = batch.touching(zs)
     coal = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     assert 0 < coal.sum() < len(zs)
     for z in zs[mine != coal]:
@@ -95,7 +95,7 @@ def test_touching_is_what_coal_says(robot: str, scene: str) -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_close_to_contact_too(robot: str) -> None:
     """Where a motion into contact is halved down to a micrometre, both still agree but within the band."""
-    world, lanes = world_of(robot, "zoo")
+    world, batch = world_of(robot, "zoo")
     zs = draw(world.group, COUNTS[robot] // 4, 3)
     touching = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     for free, hit in zip(zs[~touching][:30], zs[touching][: COUNTS[robot] // 50], strict=False):
@@ -104,16 +104,16 @@ def test_close_to_contact_too(robot: str) -> None:
             middle = 0.5 * (low + high)
             low, high = (low, middle) if world.in_collision(world.group.expand_from_local(middle)) else (middle, high)
         for z in np.linspace(0.0, 1.0, 41)[:, None] * (high - free) + free, low + np.linspace(-1e-5, 1e-5, 9)[:, None]:
-            mine = lanes.touching(z)
+            mine = batch.touching(z)
             coal = np.array([world.in_collision(world.group.expand_from_local(row)) for row in z])
             for row in z[mine != coal]:
                 assert abs(narrowest(world, row)) <= BAND
 
 
 def test_a_clearance_is_kept_from_obstacles_but_not_from_itself() -> None:
-    world, lanes = world_of("panda", "zoo")
+    world, batch = world_of("panda", "zoo")
     zs = draw(world.group, 600, 4)
-    mine = lanes.touching(zs, 0.05)
+    mine = batch.touching(zs, 0.05)
     for z, touches in zip(zs, mine, strict=True):
         clearance = clearance_at(world, world.group.expand_from_local(z))
         if min(abs(clearance.obstacle_distance - 0.05), abs(clearance.self_distance)) > BAND:
@@ -121,28 +121,28 @@ def test_a_clearance_is_kept_from_obstacles_but_not_from_itself() -> None:
 
 
 def test_sixteen_samples_at_once_are_as_one_by_one() -> None:
-    world, lanes = world_of("panda", "zoo")
+    world, batch = world_of("panda", "zoo")
     zs = draw(world.group, 300, 5)
     for z0, far in itertools.pairwise(zs):
         z1 = z0 + 0.1 * (far - z0)
         blocks = max(1, int(np.ceil(np.linalg.norm(z1 - z0) * 32.0 / 16)))
         samples = z0 + np.arange(1, 16 * blocks + 1)[:, None] / (16 * blocks) * (z1 - z0)
-        assert bool(lanes.free_until(np.array([z0, z1]), 32.0)) == (not lanes.touching(samples).any())
+        assert bool(batch.free_until(np.array([z0, z1]), 32.0)) == (not batch.touching(samples).any())
 
 
 def test_a_shortened_path_is_free_where_it_was_and_no_longer() -> None:
-    world, lanes = world_of("panda", "zoo")
+    world, batch = world_of("panda", "zoo")
     zs = draw(world.group, 400, 10)
-    zs = zs[~lanes.touching(zs)]
+    zs = zs[~batch.touching(zs)]
     ways = [zs[0]]
     for z in zs[1:]:  # a roundabout way of free motions
-        if lanes.free_until(np.array([ways[-1], z]), 32.0):
+        if batch.free_until(np.array([ways[-1], z]), 32.0):
             ways.append(z)
     path = np.array(ways[:9])
     assert len(path) == 9
-    short = lanes.shorten(path, 32.0)
+    short = batch.shorten(path, 32.0)
     np.testing.assert_array_equal(short[[0, -1]], path[[0, -1]])
-    assert lanes.free_until(short, 32.0) == len(short) - 1
+    assert batch.free_until(short, 32.0) == len(short) - 1
     before, after = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (path, short))
     assert after < 0.9 * before
-    np.testing.assert_array_equal(short, lanes.shorten(path, 32.0))
+    np.testing.assert_array_equal(short, batch.shorten(path, 32.0))
