@@ -255,7 +255,7 @@ def add_held_links(robot: RobotModel, held: Sequence[HeldShape]) -> RobotModel:
 
 
 def _describe_kinds(shape: Any) -> tuple[str, str]:
-    """Return the kind of a shape, and the kind that it is judged as."""
+    """Return the kind of a shape, and the kind that it is tested as."""
     if isinstance(shape, coal.BVHModelBase):
         return "mesh", "triangle mesh"
     if isinstance(shape, coal.Convex):

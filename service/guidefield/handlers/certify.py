@@ -368,7 +368,7 @@ def restore_certify(request: CertifyRequest, robot: RobotModel, scene: Scene, pa
 
 
 def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:
-    """Load a request's robot, and make the tables that judge it, before its time begins.
+    """Load a request's robot, and make the tables for the certificate, before its time begins.
 
     Errors are left to `answer_certify`, whose refusals are stored.
     """

@@ -69,7 +69,7 @@ ACCELERATION_TOLERANCE = 1e-6  # deviation of given accelerations, relative and 
 def certify_problem(
     request: CertifyRequest, robot: RobotModel, scene: Scene, deadline: Deadline
 ) -> tuple[GivenProblem, tuple[str, ...]]:
-    """The motion that a request gives with the conditions it is judged by, and warnings about harmless peculiarities.
+    """Build the problem of a request's motion and conditions; return it with warnings about harmless peculiarities.
 
     Raises InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest if the
     question is ill-posed.
@@ -221,10 +221,10 @@ def _build_motion(
 def _planned(
     request: CertifyRequest, planned: GivenTrajectory, given: SubmittedMotion, columns: Columns, group: PlanningGroup
 ) -> SubmittedMotion:
-    """The motion that was to be executed, by whole turns next to the one that is judged.
+    """Return the motion that was to be executed, by whole turns next to the one that is certified.
 
     Raises:
-        InvalidConfiguration: if a joint has several coordinates, or a row has other columns than those that are judged.
+        InvalidConfiguration: if a joint has several coordinates, or a row has other columns than the certified motion.
     """
     if not group.is_euclidean:
         several = [joint.name for joint in group.joints if joint.nv > 1]

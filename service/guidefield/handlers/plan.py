@@ -111,7 +111,7 @@ class Derivation:
 
 
 def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem, Derivation]:
-    """The problem with guide planes derived, if the request asks for that: among obstacles as they come to rest."""
+    """Add derived guide planes to a problem if the request wants them: among obstacles as they come to rest."""
     if request.guide_planes != "auto" or request.planner == "tree":
         return problem, Derivation()
     begin = working_time()

@@ -180,7 +180,7 @@ the size are as long and take as long.
 
 @dataclass(frozen=True, eq=False)
 class ShapeCoverage:
-    """Bounding and inscribed balls of a collision shape as it is judged, in its own frame."""
+    """Bounding and inscribed balls of a collision shape in its tested form, in its own frame."""
 
     cover: Cover
     inner: Floats  # shape (n, 4) [m]

@@ -4,7 +4,7 @@ Pinocchio has a reader of MJCF, too; of 152 models that people publish it places
 MuJoCo's own compiler is right by definition, and what it compiled is plain: a tree of bodies, joints, shapes and masks.
 
 Pairs that `find_disabled_pairs` returns are never tested, and shapes have to contain the geoms. `VISIBLE_GROUPS` is of
-pictures alone; with more `SUBDIVISIONS` ellipsoids, also of scene files, are judged closer, and longer.
+pictures alone; with more `SUBDIVISIONS` ellipsoids, also of scene files, are tested closer, and for longer.
 """
 
 from __future__ import annotations
@@ -309,7 +309,7 @@ class MjcfRobot:
 
 
 def convert(compiled: CompiledModel, name: str, root_joint: str) -> MjcfRobot:
-    """Write a compiled MJCF as a URDF; RobotInvalid if it has a part that can't be judged or planned for.
+    """Write a compiled MJCF as a URDF; RobotInvalid if it has a part that can't be tested or planned for.
 
     With a root joint `fixed`, bodies with free joints stand where the file has them; `free`: they move, or the whole
     robot if it has none; `planar`: the whole robot moves.

@@ -32,7 +32,7 @@ FAR = 100.0
 """A robot that is farther from the origin along an axis gets an anchor [m]: single precision resolves 8 um there.
 service/docs/certificate.md states it, together with `NEAR_ORIGIN` of collision/part_tables.py."""
 
-COARSE = 16384.0  # from here on a warning tells of single precision, which has steps of more than a millimetre [m]
+COARSE = 16384.0  # from here on a warning mentions single precision, which has steps of more than a millimetre [m]
 
 _Message = TypeVar("_Message", bound=msgspec.Struct)
 

@@ -180,7 +180,7 @@ class Sheet:
 
 
 def build_sheets(outlines: Sequence[Sequence[Sequence[float]]]) -> list[Sheet | str]:
-    """Build sheets from the corners of polygons, or tell the fault of what is none."""
+    """Build sheets from the corners of polygons; return the fault instead of a sheet for a faulty polygon."""
     by_count: dict[int, list[int]] = defaultdict(list)
     for index, outline in enumerate(outlines):
         by_count[len(outline)].append(index)

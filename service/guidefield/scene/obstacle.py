@@ -177,7 +177,7 @@ class Obstacle:
 
     @property
     def convex(self) -> bool:
-        """True if Coal judges it as one convex body: distances are signed then."""
+        """True if Coal tests it as one convex body: distances are signed then."""
         return self.recipe.convex
 
     @property
@@ -203,7 +203,7 @@ class Obstacle:
 
     @property
     def faces(self) -> int:
-        """Number of triangles that Coal judges, for its memory; 0 if it is convex."""
+        """Number of triangles that Coal tests, for its memory; 0 if it is convex."""
         return 0 if self.recipe.facets is None else self.recipe.facets.count
 
     @property

@@ -42,7 +42,7 @@ NO_CONTENTS: Mapping[int, Content] = MappingProxyType({})
 class Scene(SharedAnswer):
     """A scene, ready to plan in: obstacles in the message's order, guide planes in the order to pass them.
 
-    The warnings tell harmless oddities of obstacles, by name.
+    The warnings name obstacles with harmless oddities.
     """
 
     message: messages.Scene
@@ -83,7 +83,7 @@ class Scene(SharedAnswer):
 
     @cached_property
     def convex(self) -> bool:
-        """True if Coal judges every obstacle as one convex body."""
+        """True if Coal tests every obstacle as one convex body."""
         return all(one.convex for one in self._others())
 
     def _others(self) -> Iterator[Obstacle]:
@@ -194,7 +194,7 @@ def _held_at(scene: Scene, time: float) -> Scene:
     return scene.with_moved(lambda one, motion: put_at(one, motion.at(time)))
 
 
-HELD = 2  # scenes at a time (`Scene.at`) that are kept: the first and the last are asked for often
+HELD = 2  # scenes at a time (`Scene.at`) that are kept: the first and the last are needed often
 
 _held = memoized_by(lambda scene: scene, _held_at, HELD)
 

@@ -68,17 +68,17 @@ class SearchSettings:
     # share of a tolerance within which a descent ends, so that an approach from outside ends inside. Unrecorded
     aim: float = 0.9
     round: int = 64  # random starts of a round. Unrecorded
-    first_round: int = 16  # the same of the first rounds where one solution is asked for. Unrecorded
+    first_round: int = 16  # the same of the first rounds if one solution is requested. Unrecorded
     # the same where nothing was accepted that often: poses in narrow places need many starts. The value is unrecorded
     large_round: int = 512
-    # accepted solutions for each that is asked for, from which those farthest apart are chosen. Unrecorded
+    # accepted solutions for each requested one, from which those farthest apart are chosen. Unrecorded
     choice: int = 2
     # random starts after which a pose counts as unreachable. With it all of 1000 reachable poses of a Panda are solved
     most_unreached: int = 256
     most_rejected: int = 1024  # the same after which it counts as reachable only by what isn't accepted. Unrecorded
-    most_per_solution: int = 64  # the same for each solution asked for, where there are some. Unrecorded
-    most_kept: int = 256  # distinct solutions that are kept of those not accepted: they tell what stands in the way
-    why_starts: int = 64  # random starts for each question that is asked after a failure. Unrecorded
+    most_per_solution: int = 64  # the same for each requested solution, if some are found. Unrecorded
+    most_kept: int = 256  # distinct solutions that are kept of those not accepted: they explain a failure
+    why_starts: int = 64  # random starts for each query that explains a failure. Unrecorded
     why_halvings: int = 8  # how often half a turn is halved to find the nearest orientation in reach: to 0.7 degrees
 
 
@@ -289,7 +289,7 @@ class IkResult(ReadOnly):
     # local coordinates (nv,) of distinct configurations in the limits and accepted; first those reached from the given
     # starts, in their order, then each as far as can be from those before
     solutions: tuple[LocalPoint, ...]
-    reason: str  # why there are fewer than asked for; else empty
+    reason: str  # why there are fewer than requested; else empty
     details: dict[str, Any] = field(default_factory=dict)  # the values in the reason
     rejected: tuple[LocalPoint, ...] = ()  # those found that were not accepted
     cause: Cause | None = None  # the obstacle if nothing was found, not even something that was not accepted

@@ -1,9 +1,9 @@
 """Settle the collision shapes of a URDF: read meshes, find their hulls, and choose a tight hull in place of a mesh.
 
-What a link is judged as (`HULL_STAND_OFF`) decides every collision with it, and is reported to users; docs/robots.md
-and certificate.md state it. `LEAST_FILLED` and `HARDLY_METRES` (in robots.md, too) decide on warnings alone; here
-`WIDEST_GAP`, too, but it also decides what is inside a mesh for the spheres and parts of link_bounds.py. Triangles and
-hulls are kept, because Coal hands them out slowly.
+The form in which a link is tested (`HULL_STAND_OFF`) decides every collision with it, and is reported to users;
+docs/robots.md and certificate.md state it. `LEAST_FILLED` and `HARDLY_METRES` (in robots.md, too) decide on warnings
+alone; here `WIDEST_GAP`, too, but it also decides what is inside a mesh for the spheres and parts of link_bounds.py.
+Triangles and hulls are kept, because Coal hands them out slowly.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from guidefield.robot.model.model import GeometryChoice, power_of_two, scale
 from guidefield.robot.urdf.elements import THICKNESS, UrdfFacts
 
 HULL_STAND_OFF = 0.005
-"""A mesh is judged by its convex hull if the hull stands off the mesh by at most this [m], at size 1.
+"""A mesh is tested by its convex hull if the hull stands off the mesh by at most this [m], at size 1.
 
 The hull contains the mesh, so it is safe at any distance; where it would stand off further, free space would be lost
-(a gripper's hollow, a bent link) and the mesh itself is judged.
+(a gripper's hollow, a bent link) and the mesh itself is tested.
 """
 
 ROUGH_TOLERANCE = 5e-4
@@ -262,7 +262,7 @@ def choose_shapes(
 
 
 class _MeshChoice(NamedTuple):
-    """The shape that a mesh is judged as."""
+    """The shape by which a mesh is tested."""
 
     shape: Any
     judged_as: str  # `GeometryChoice.judged_as`

@@ -67,7 +67,7 @@ NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more represents none [rad/s 
 TIME_TO_SPEED = 0.5  # default acceleration limits let a joint reach its velocity limit in this time [s]
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
 """Limits beyond this stand for none, and are taken for it [rad or m]: a motion of millions of turns could not be
-judged."""
+certified."""
 
 ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 

@@ -6,7 +6,7 @@ locked keeps the indices of its frames.
 Lengths that were chosen (margins, steps, spacings) are stated for a usual arm, and scale with a robot's size. A Panda,
 a UR5, a Fetch and a Baxter reach 1.1 to 1.5 m: all lengths were chosen with them. So robots of about their reach have
 the size 1, to the last bit; others the ratio of their reach to a usual one. What a user gives, and what is promised in
-metres, stays as it is. Other numbers of what is usual make other motions, and other hulls and pairs that are judged;
+metres, stays as it is. Other numbers of what is usual make other motions, and other hulls and tested pairs;
 they are in docs/robots.md, "Size".
 """
 
@@ -52,7 +52,7 @@ numbers of the radius of the largest moving body [m]: how far they go is no matt
 POINT_EXTENT = 1e-5  # robots that extend less far are points, as bodies of size zero are, and have the size 1 [m]
 
 MARGIN = 2e-3
-"""Margin that the planner keeps beyond the clearance that is asked for [m], at size 1.
+"""Margin that the planner keeps beyond the requested clearance [m], at size 1.
 
 It is 200 times the certificate's resolution, and next to nothing of free space. With it the certificate refuses a tenth
 as many of a tree's shortened paths as without, because shortcuts end where they graze something and samples overlook
@@ -143,7 +143,7 @@ class PairLeftOut:
 
 @dataclass(frozen=True)
 class GeometryChoice:
-    """How a collision shape is judged."""
+    """The form in which a collision shape is tested."""
 
     name: str  # `<link>_<number>`
     link: str
@@ -174,7 +174,7 @@ class RobotModel:
     tip: str  # frame that goals and guide planes are about, unless a request says otherwise
     groups: Mapping[str, tuple[str, ...]]  # named sets of joints, from the SRDF
     rest: RobotConfiguration  # configuration, shape (model.nq,), of joints that a request leaves out
-    geometry_choices: tuple[GeometryChoice, ...]  # how each shape is judged, in the geometry's order
+    geometry_choices: tuple[GeometryChoice, ...]  # the form in which each shape is tested, in the geometry's order
     pairs_left_out: tuple[PairLeftOut, ...]
     warnings: tuple[str, ...]  # what was odd but harmless, for every reply about it
     source: RobotSource
@@ -222,7 +222,7 @@ class RobotModel:
 
     @cached_property
     def _frame_ids(self) -> dict[str, int]:
-        """Indices of frames that were asked for: Pinocchio looks through all of them."""
+        """Frame indices by name, as far as they were needed: Pinocchio searches all frames for one."""
         return {}
 
 

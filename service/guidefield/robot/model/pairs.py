@@ -36,7 +36,7 @@ def collision_pairs(geometry: Any) -> np.ndarray:
 def scratch_space(geometry: Any) -> Any:
     """Make Pinocchio's data for a geometry model, set so that answers are right, and don't depend on questions before.
 
-    Unless points of contact are asked for, as Pinocchio doesn't, Coal (3.0.3, without a margin) overlooks boxes that
+    Unless contact points are requested, as Pinocchio doesn't, Coal (3.0.3, without a margin) overlooks boxes that
     overlap by centimetres where an axis of one lies along an axis of the other. And it starts each search where the
     last one ended, which changes the last digits of distances.
     """
@@ -173,7 +173,7 @@ def choose_pairs(
     reasons = {pair: f"{said_by}: {reason}" for pair, reason in disabled.items()}
     if not reasons and said_by == "SRDF":
         reasons = dict.fromkeys(adjacent, "adjacent")
-    # of neighbours that are left out nobody asks how often they touch
+    # neighbours that are left out need no samples
     geometry.setCollisionPairs(tested & ~_are_among(links, adjacent & reasons.keys()), True)
     touching = _shares_touching(model, geometry, joints, links, rest, disabled, size)
     warnings = [

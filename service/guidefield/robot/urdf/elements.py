@@ -308,7 +308,7 @@ def check_link(
 
     The parser behind Pinocchio reads inertia, visuals and collisions in this order, and at the first that it can't read
     it leaves out all that follow, so that a malformed `<visual>` costs the link its collision geometry. Therefore
-    visuals and inertias that can't be read are left out, with a warning: nothing is judged by them.
+    visuals and inertias that can't be read are left out, with a warning: no verdict depends on them.
     """
     warn_of_repeated(link, "inertial", warnings)
     for inertial in link.findall("inertial"):
@@ -411,7 +411,7 @@ def _check_geometry(owner: Element, version: tuple[int, int], warnings: list[str
 def _thicken(shape: Element, warnings: list[str]) -> None:
     """Give a `<collision>` without extent along some direction a thickness, so that it has an inside.
 
-    What is judged then contains the point, line or face, and stands off by half of `THICKNESS`.
+    The tested shape then contains the point, line or face, and stands off by half of `THICKNESS`.
     """
     thin = []
     for attribute, count in SHAPES[shape.tag].items():

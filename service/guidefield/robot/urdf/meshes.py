@@ -61,7 +61,7 @@ class Remark:
 
 @dataclass(frozen=True)
 class MeshResolver:
-    """Finds the file that a mesh URI means, if it is in an allowed folder; links are judged by where they end."""
+    """Finds the file that a mesh URI means, if it is in an allowed folder; symbolic links count by their targets."""
 
     # folders that hold packages, or are packages, in the order in which they are searched
     package_dirs: tuple[Path, ...] = ()

@@ -1,6 +1,6 @@
 """Validate URDFs before Pinocchio, which refuses faults without a reason or accepts them in silence.
 
-Faults are refused if they could change what is judged; others are warnings and are left out of the text that goes on.
+Faults are refused if they could change a verdict; others are warnings and are left out of the text that goes on.
 An element or attribute that starts to matter belongs in `ELEMENTS` or `ATTRIBUTES`, so that misspelt ones are noticed.
 """
 

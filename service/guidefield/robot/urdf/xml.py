@@ -204,7 +204,7 @@ def warn_of_repeated(element: Element, tag: str, warnings: list[str]) -> None:
 
 @contextlib.contextmanager
 def leaving_out(element: Element, end: str, warnings: list[str]) -> Iterator[None]:
-    """Leave out an element that nothing is judged by if its check raises a fault, which becomes a warning."""
+    """Leave out an element that no verdict depends on if its check raises a fault, which becomes a warning."""
     try:
         yield
     except RobotInvalid as error:
