@@ -140,8 +140,8 @@ def part_separations(world: World, placements: np.ndarray, pairs: np.ndarray) ->
     own, found = pairs < world.pairs.n_self, np.empty(len(pairs))
 
     def centres(of: np.ndarray) -> np.ndarray:
-        carriers = placements[about.joints[of]]
-        return about.part_centres[of] @ carriers[..., :3].swapaxes(1, 2) + carriers[:, None, :, 3]
+        frames = placements[about.joints[of]]
+        return about.part_centres[of] @ frames[..., :3].swapaxes(1, 2) + frames[:, None, :, 3]
 
     between = centres(first[own])[:, :, None] - centres(second[own])[:, None]
     radii = about.part_radii

@@ -19,7 +19,7 @@ from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.schedule import bezier, bound_slopes, clamp_smoothly, find_leaving
-from guidefield.planner.slices import SCHEDULE, Slices, find_free_from, find_meeting
+from guidefield.planner.slices import SCHEDULE, Slices, find_free_from, find_free_until
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending
 from guidefield.prove.curve import excesses
@@ -88,12 +88,12 @@ def test_until_when_and_from_when_on_a_place_is_free_is_what_dense_times_say() -
     times = np.arange(1.0, 2.2, 0.01)
     touching = [bool(contacts_at(World.build(PANDA, made.scene.at(t)), PANDA.expand_from_local(START))) for t in times]
     first, last = times[touching][0], times[touching][-1]
-    until, refusal = find_meeting(made, START)
+    until, refusal = find_free_until(made, START)
     assert first - 0.04 <= until <= first
     assert refusal.pair[1] == "ball"
     assert last <= find_free_from(made, START) <= last + 0.04
     away = moved(2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert find_meeting(asked(ball(trajectory=flight([0.0, 1.0], (2.0, 0.0, 0.5), (2.0, 1.0, 0.5)))), away) == (
+    assert find_free_until(asked(ball(trajectory=flight([0.0, 1.0], (2.0, 0.0, 0.5), (2.0, 1.0, 0.5)))), away) == (
         np.inf,
         None,
     )

@@ -232,7 +232,7 @@ def test_coinciding_corners_are_told(corners):
     assert "coincide" in flatness_fault(flat_polygon(np.array(corners, float)))
 
 
-def first_meeting(corners: np.ndarray, gap: float) -> tuple[int, int] | None:
+def first_crossing(corners: np.ndarray, gap: float) -> tuple[int, int] | None:
     """The oracle: each edge against each that is no neighbour, the segments sampled by their closest points."""
     count, ends = len(corners), np.roll(corners, -1, axis=0)
 
@@ -274,7 +274,7 @@ def test_the_first_edges_that_meet_are_found(seed, kind):
     flat = flat_polygon(np.column_stack([corners, np.zeros(len(corners))]))
     if flatness_fault(flat) is not None:
         return
-    found, expected = crossing_edges(flat), first_meeting(flat.corners, PLANARITY * flat.size)
+    found, expected = crossing_edges(flat), first_crossing(flat.corners, PLANARITY * flat.size)
     if found != expected:  # an edge that folds back is told before
         assert (found[1] - found[0]) % len(corners) == 1
 

@@ -183,11 +183,11 @@ class Judge:
         """Add what links hold, as shapes of their own; what joints move them, and what was added, go into the lists."""
         for one in self.setting.attached:
             frame = self._model.frames[_frame(self._model, one.link)]
-            carrier = frame.placement * shapes.se3(one.placement) * shapes.frame(one.obstacle)
+            placement = frame.placement * shapes.se3(one.placement) * shapes.frame(one.obstacle)
             above = frozenset(j for j in self._model.supports[frame.parentJoint] if any(j in some for some in moved))
             for k, body in enumerate(shapes.bodies(one.obstacle)):
                 name = f"held/{one.obstacle.name}/{k}"
-                shape = pin.GeometryObject(name, frame.parentJoint, carrier * body.placement, body.shape)
+                shape = pin.GeometryObject(name, frame.parentJoint, placement * body.placement, body.shape)
                 self.geometry.addGeometryObject(shape)
                 self.names.append(one.obstacle.name)
                 self._slacks.append(body.slack)

@@ -108,9 +108,9 @@ def check_bounds(world: World) -> dict[str, float]:
     """
     still = np.outer([0.0, 1e-6], np.ones(world.group.nv))
     case, found = case_of(make_cases(Motion(world, Placement(), (), None, still, None))[0]), dict[str, float]()
-    carriers = [str(world.model.names[joint]) for joint in bodies(world.group).joints.tolist()]
+    parent_joints = [str(world.model.names[joint]) for joint in bodies(world.group).joints.tolist()]
     links = [  # not those of joints that this robot's model has no more
-        one for one in case.bodies if not one.obstacle and case.model.names[one.joint] in carriers
+        one for one in case.bodies if not one.obstacle and case.model.names[one.joint] in parent_joints
     ]
     obstacles = {one.name: one for one in case.bodies if one.obstacle}
     size = {one.name: 1.0 + float(np.ptp(one.corners, axis=0).max(initial=0.0)) for one in case.bodies}

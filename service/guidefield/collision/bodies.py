@@ -88,8 +88,8 @@ class Bodies:
 
     def centres_in_world(self, joint_placements: np.ndarray) -> np.ndarray:
         """Return the balls' centres (..., r, 3) [m, world], where all joints are placed by (..., njoints, 3, 4)."""
-        carriers = joint_placements[..., self.joints, :, :]
-        centres: np.ndarray = (carriers[..., :3] @ self.centres[:, :, None])[..., 0] + carriers[..., 3]
+        frames = joint_placements[..., self.joints, :, :]
+        centres: np.ndarray = (frames[..., :3] @ self.centres[:, :, None])[..., 0] + frames[..., 3]
         return centres
 
 
@@ -109,7 +109,7 @@ def bodies(group: PlanningGroup) -> Bodies:
         turns[columns] = True
         if joint.kind in TRANSLATION:
             turns[columns][TRANSLATION[joint.kind]] = False
-        moved_by[:, columns] = np.array([index in model.supports[carrier] for carrier in joints.tolist()])[:, None]
+        moved_by[:, columns] = np.array([index in model.supports[parent] for parent in joints.tolist()])[:, None]
     arrays = {
         "joints": joints,
         "centres": np.array(

@@ -234,7 +234,7 @@ def transform(placement: Any) -> Any:
     return coal.Transform3s(np.array(placement.rotation), np.array(placement.translation))
 
 
-_Meeting = tuple[int, int, int]  # indices of two bodies, and which patch of the second is meant
+_ShapePair = tuple[int, int, int]  # indices of two bodies, and the patch of the second
 
 _ROUNDING = 1e-9  # by how much boxes about bodies are wider, for rounding [m]
 
@@ -251,10 +251,10 @@ class NarrowPhase:
         self._shape, self._there = shape, there
         self._shapes: dict[int, Any] = {}
         self._boxes: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        self._met: dict[_Meeting, tuple[Outline, Outline]] = {}
+        self._pair_outlines: dict[_ShapePair, tuple[Outline, Outline]] = {}
         self._outlines: dict[int, Outline] = {}  # by the identity of their shapes, which they keep alive
-        self._collide: dict[_Meeting, Any] = {}
-        self._measure: dict[_Meeting, Any] = {}
+        self._collide: dict[_ShapePair, Any] = {}
+        self._measure: dict[_ShapePair, Any] = {}
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
         self._distance_request = coal.DistanceRequest()
 
@@ -279,16 +279,16 @@ class NarrowPhase:
             return None
         return self._penetration((first, second, 0), margin)
 
-    def _penetration(self, meeting: _Meeting, margin: float) -> float | None:
-        first, second, _ = meeting
+    def _penetration(self, pair: _ShapePair, margin: float) -> float | None:
+        first, second, _ = pair
         if self._are_capsules(first, second):
-            apart = self._distance(meeting).distance
+            apart = self._distance(pair).distance
             return apart if apart <= margin else None
-        if meeting not in self._collide:
-            self._collide[meeting] = coal.ComputeCollision(*(one.shape for one in self._outlines_of(meeting)))
+        if pair not in self._collide:
+            self._collide[pair] = coal.ComputeCollision(*(one.shape for one in self._outlines_of(pair)))
         self._request.security_margin = self._request.distance_upper_bound = margin
         self._result.clear()
-        self._collide[meeting](self._there(first), self._there(second), self._request, self._result)
+        self._collide[pair](self._there(first), self._there(second), self._request, self._result)
         return float(self._result.getContact(0).penetration_depth) if self._result.isCollision() else None
 
     def distance(self, first: int, second: int, at_most: float = math.inf) -> ClosestPoints:
@@ -308,32 +308,32 @@ class NarrowPhase:
         assert nearest is not None, "there is a patch"
         return nearest
 
-    def _distance(self, meeting: _Meeting, at_most: float = math.inf) -> ClosestPoints:
-        first, second, _ = meeting
+    def _distance(self, pair: _ShapePair, at_most: float = math.inf) -> ClosestPoints:
+        first, second, _ = pair
         if self._are_capsules(first, second):
             return measure_capsules(self.shape(first), self._there(first), self.shape(second), self._there(second))
-        if meeting not in self._measure:
-            self._measure[meeting] = coal.ComputeDistance(*(one.shape for one in self._outlines_of(meeting)))
+        if pair not in self._measure:
+            self._measure[pair] = coal.ComputeDistance(*(one.shape for one in self._outlines_of(pair)))
         result = coal.DistanceResult()
         if at_most < math.inf:
             result.min_distance = at_most  # Coal looks at no parts of meshes that are farther apart
         here, there = self._there(first), self._there(second)
-        self._measure[meeting](here, there, self._distance_request, result)
-        one, other = self._outlines_of(meeting)
+        self._measure[pair](here, there, self._distance_request, result)
+        one, other = self._outlines_of(pair)
         return closest_points(one, here, other, there, result)
 
     def _are_capsules(self, first: int, second: int) -> bool:
         return isinstance(self.shape(first), coal.Capsule) and isinstance(self.shape(second), coal.Capsule)
 
-    def _outlines_of(self, meeting: _Meeting) -> tuple[Outline, Outline]:
+    def _outlines_of(self, pair: _ShapePair) -> tuple[Outline, Outline]:
         """Return the outlines of a pair's shapes, kept because Coal's functors don't keep shapes alive."""
-        if meeting not in self._met:
-            first, second, patch = meeting
+        if pair not in self._pair_outlines:
+            first, second, patch = pair
             other = self.shape(second)
             shapes = balls_as_capsules(self.shape(first), other.shape(patch) if isinstance(other, Patches) else other)
             one, another = (self._outlines.setdefault(id(shape), Outline(shape)) for shape in shapes)
-            self._met[meeting] = one, another
-        return self._met[meeting]
+            self._pair_outlines[pair] = one, another
+        return self._pair_outlines[pair]
 
     def _box_in_frame(self, first: int, second: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the corners of a box about a body's shape in the frame of another body, shapes (3,) [m]."""

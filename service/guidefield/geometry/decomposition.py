@@ -56,10 +56,10 @@ def _cut(pieces: Pieces, heights: Floats, below: np.ndarray, count: np.ndarray, 
 def corners_of_cell(body: Solid, planes: Floats) -> Floats:
     """Return the corners (n, 3) within a closed body of a convex cell with planes (k, 4) [m]."""
     triples = [planes[list(three)] for three in combinations(range(len(planes)), 3)]
-    meeting = [three for three in triples if abs(np.linalg.det(three[:, :3])) > _PARALLEL]
-    if not meeting:
+    crossing = [three for three in triples if abs(np.linalg.det(three[:, :3])) > _PARALLEL]
+    if not crossing:
         return np.empty((0, 3))
-    points = np.array([np.linalg.solve(three[:, :3], three[:, 3]) for three in meeting])
+    points = np.array([np.linalg.solve(three[:, :3], three[:, 3]) for three in crossing])
     within = (points @ planes[:, :3].T <= planes[:, 3] + 1e-12).all(axis=1)
     points = points[within]
     corners: Floats = points[body.depths(points) > 0.0]

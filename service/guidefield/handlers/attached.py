@@ -226,10 +226,10 @@ def add_held_links(robot: RobotModel, held: Sequence[HeldShape]) -> RobotModel:
             if one.name in names:
                 message = f"the attached object {one.name!r} has the name of {what}: give it another"
                 raise UnknownObject(message, object=one.name, path=f"$.attached_objects[{index}].obstacle.name")
-        carrier = model.frames[frame_index(model, one.link)]
-        joint, on_joint = carrier.parentJoint, carrier.placement.copy()
+        link_frame = model.frames[frame_index(model, one.link)]
+        joint, on_joint = link_frame.parentJoint, link_frame.placement.copy()
         placement = on_joint * one.placement
-        del carrier  # it lies among the model's frames, which move when one is added
+        del link_frame  # it lies among the model's frames, which move when one is added
         # a link's frame: of a body with another one Pinocchio loses it where joints are locked
         frame = model.addFrame(pin.Frame(one.name, joint, placement, pin.FrameType.BODY), False)
         if one.inertia is not None:

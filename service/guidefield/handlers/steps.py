@@ -236,10 +236,10 @@ class Steps:
             return False
         model = at.robot.model
         frame = model.frames[at.robot.frame_id(one.attached.link)]
-        carriers = {model.names[joint] for joint in model.supports[frame.parentJoint] if joint}
+        supports = {model.names[joint] for joint in model.supports[frame.parentJoint] if joint}
         part = select(at.robot, self._joints(step), self._tip(step), at.q, at.root)
         moving = {*(joint.name for joint in part.joints), *mimic_laws(part)}
-        return bool(carriers & moving)
+        return bool(supports & moving)
 
     def _planned(self, request: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:
         def planned(problem: Problem) -> Plan:

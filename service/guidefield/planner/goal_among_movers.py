@@ -41,7 +41,7 @@ from guidefield.planner.schedule import (
     schedule_at_any_rate,
     schedule_at_one_rate,
 )
-from guidefield.planner.slices import SCHEDULE, WAYS, Slices, find_free_from, find_meeting
+from guidefield.planner.slices import SCHEDULE, WAYS, Slices, find_free_from, find_free_until
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stages, make_ending_at_rest
 from guidefield.planner.task.trace import Note
@@ -116,7 +116,7 @@ class _Search:
     @cached_property
     def leave_by(self) -> tuple[float, Verdict | None]:
         """The time until which the robot may wait at its start [s], and the refusal of a longer wait."""
-        return find_meeting(self._problem, self._problem.z_start)
+        return find_free_until(self._problem, self._problem.z_start)
 
     @cached_property
     def _resting(self) -> Problem:

@@ -3,7 +3,7 @@
 `SCHEDULE` and `WAYS` are the settings of schedules and of paths among what moves (`schedule.py`, goal_among_movers.py,
 held_paths.py): larger counts and finer slices find more, and take longer; but finer rates and steps reach `most_steps`
 and `most_states` sooner, and then find less. service/docs/algorithm.md has `rates` and `slice_length`. Schedules are
-proposals to the certificate; until when a place is free is its own verdict (`find_meeting`, `find_free_from`).
+proposals to the certificate; until when a place is free is its own verdict (`find_free_until`, `find_free_from`).
 """
 
 from __future__ import annotations
@@ -262,7 +262,7 @@ def _reach(world: World) -> tuple[np.ndarray, float]:
 KNOWN_TO = 0.01  # accuracy of the times until which, and from which on, a place is free [s], above 0
 
 
-def find_meeting(problem: Problem, z: LocalPoint) -> tuple[float, Verdict | None]:
+def find_free_until(problem: Problem, z: LocalPoint) -> tuple[float, Verdict | None]:
     """Find until when a robot may stand at local coordinates (nv,) from time 0 on [s]; infinite if always.
 
     Returns:

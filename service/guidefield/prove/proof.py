@@ -124,7 +124,7 @@ class _Writer:
         self._in_time = goal.in_time and world.scene.moves
         self._tables: WorldTables = world_tables(world, in_time=self._in_time)
         robot, obstacles, _, pairs, _ = self._tables
-        self._links = len(robot.carriers)
+        self._links = len(robot.parent_joints)
         pair, mixed = rows[:, ROW_PAIR].astype(np.int64), rows[:, ROW_PAIR].astype(np.int64) - len(pairs.own)
         is_own = mixed < 0
         ends = np.empty((len(rows), 2), np.int64)
@@ -197,7 +197,7 @@ class _Writer:
         """Return the tables that a body is in, its root, and the anchor that they are relative to."""
         robot, obstacles = self._tables.robot, self._tables.obstacles
         if body < self._links:
-            anchor = robot.anchor if robot.carriers[body] == 0 else np.zeros(3)
+            anchor = robot.anchor if robot.parent_joints[body] == 0 else np.zeros(3)
             return robot.parts, int(robot.roots[body]), anchor
         root = int(obstacles.roots[body - self._links])
         endless = self._world.scene.obstacles[body - self._links].endless
@@ -228,7 +228,7 @@ class _Writer:
         joint_of = np.repeat(np.arange(model.njoints), [joint.nv if i else 0 for i, joint in enumerate(model.joints)])
         found = np.empty((len(pairs.own), 3), np.int32)
         for row, (a, b) in enumerate(pairs.own.tolist()):
-            shared = set(model.supports[int(robot.carriers[a])]) & set(model.supports[int(robot.carriers[b])])
+            shared = set(model.supports[int(robot.parent_joints[a])]) & set(model.supports[int(robot.parent_joints[b])])
             seen = max(shared, default=0)
             for body, by in ((a, pairs.first_by[row, :1]), (b, pairs.second_by[row, :1])):
                 if len(by) and by[0] >= 0 and robot.moves[body, by[0]] < 0.0:

@@ -117,7 +117,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
         centred=np.ascontiguousarray(bound.centred, float),
         turns=bound.turns.astype(float),
         doubled=bound.doubled,
-        carriers=about.joints,
+        parent_joints=about.joints,
         centres=about.centres,
         radii=about.radii,
         moved_by=_choose(about.moved_by, np.arange(group.model.nv), group.model.nv),

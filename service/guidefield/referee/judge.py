@@ -144,7 +144,7 @@ class Along:
         for step in (np.where(self.case.turning, 0.0, y), self.case.turned, np.where(self.case.turning, y, 0.0)):
             q = pin.integrate(self.case.model, q, step)
         pin.computeJointJacobians(self.case.model, self.data, q)
-        self.placed = [_carrier(one, self.data, now) * one.placement for one in self.carried]
+        self.placed = [_place_parent(one, self.data, now) * one.placement for one in self.carried]
         self.coal = [coal.Transform3s(one.rotation, one.translation) for one in self.placed]
 
     def _reach(self, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -192,9 +192,9 @@ class Along:
             i, j, _ = self.pairs[k]
             return float((moves[i] + moves[j])[self.moved[i] ^ self.moved[j]].sum() + moves[i, 0] + moves[j, 0])
         k -= len(self.pairs)
-        carrier = len(self.case.bodies) + k
-        some = moves[carrier] if len(self.case.constraints[k].across) else turns
-        whole = float(some[self.moved[carrier]].sum())
+        index = len(self.case.bodies) + k
+        some = moves[index] if len(self.case.constraints[k].across) else turns
+        whole = float(some[self.moved[index]].sum())
         return min(whole, self._across(k, half, whole))
 
     def _across(self, k: int, half: np.ndarray, whole: float) -> float:
@@ -203,12 +203,12 @@ class Along:
         As joint j moves, the velocity by joint i changes by at most e_j times the distance of the later of both from
         the frame, which is no more than here plus the `whole` motion; an axis' direction changes by at most e_j.
         """
-        one, carrier = self.case.constraints[k], len(self.case.bodies) + k
-        rows = [self.rows[i] for i in np.flatnonzero(self.moved[carrier])]
+        one, index = self.case.constraints[k], len(self.case.bodies) + k
+        rows = [self.rows[i] for i in np.flatnonzero(self.moved[index])]
         if any(row.stop - row.start > 1 for row in rows):
             return math.inf
         numbers = [row.start for row in rows]
-        e, placed = (np.abs(self.case.spread) @ half)[numbers], self.placed[carrier]
+        e, placed = (np.abs(self.case.spread) @ half)[numbers], self.placed[index]
         v, w = np.split(self.data.J.reshape(6, -1)[:, numbers].T, 2, axis=1)
         if not len(one.across):
             axis, turns = placed.rotation @ one.axis, float(e @ np.linalg.norm(w, axis=1))
@@ -233,14 +233,14 @@ class Along:
 
     def _constraint(self, k: int) -> Judgement:
         """Test the angle of a frame's axis, or the distance of its origin, by how much it exceeds the limit."""
-        one, carrier = self.case.constraints[k], len(self.case.bodies) + k
-        axis, off = self.placed[carrier].rotation @ one.axis, self.placed[carrier].translation - one.point
+        one, index = self.case.constraints[k], len(self.case.bodies) + k
+        axis, off = self.placed[index].rotation @ one.axis, self.placed[index].translation - one.point
         angle = math.atan2(float(np.linalg.norm(np.cross(axis, one.target))), float(axis @ one.target))
         excess = angle + float(np.linalg.norm(one.across @ off)) - one.limit  # one of both is 0
         return Answer.CONSTRAINT_BROKEN if excess > SLACK else None, SLACK - excess, excess
 
 
-def _carrier(one: Body | Constraint, data: Any, now: float) -> Any:
+def _place_parent(one: Body | Constraint, data: Any, now: float) -> Any:
     """Place the joint that carries a body or frame; or an obstacle's own frame, on a screw from stop to stop."""
     if one.screw is None:
         return data.oMi[one.joint]

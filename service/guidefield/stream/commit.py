@@ -360,7 +360,7 @@ class Judge:
             return -1
         moving, count = self._pairs.moving, len(seen.bodies.roots)
         pin.forwardKinematics(self._group.model, self._data, self._group.expand_from_local(commit.ends))
-        places = [self._data.oMi[joint] for joint in self._robot.carriers[moving].tolist()]
+        places = [self._data.oMi[joint] for joint in self._robot.parent_joints[moving].tolist()]
         points = np.array([place.act(point) for place, point in zip(places, self._inside[moving], strict=True)])
         for obstacle, solid, at_rest in seen.closed:
             pose = at_rest

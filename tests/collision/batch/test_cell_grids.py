@@ -34,8 +34,8 @@ def alone(planned: PlanningGroup) -> tuple[World, BatchCollision]:
     return world, batch
 
 
-def unjudge(batch: BatchCollision, room: int | None = None) -> None:
-    """Forget all verdicts; leave room for so many cells that others are divided into, all there is unless told."""
+def unjudge(batch: BatchCollision, capacity: int | None = None) -> None:
+    """Forget all verdicts; leave a capacity for children of divided cells, by default all that there is."""
     cells, grids = batch.tables.bodies.cells, batch.tables.bodies.grids.reshape(-1, GRID_PLACES)
     counts = [row[1:START:3] >> row[LEVELS] * row[DIVIDED] for row in grids]
     ends = [
@@ -45,29 +45,29 @@ def unjudge(batch: BatchCollision, room: int | None = None) -> None:
     ]
     cells[:] = UNJUDGED
     batch.tables.bodies.apart[:] = 0
-    cells[0] = max(ends, default=CHILDREN) if room is None else len(cells) - room
+    cells[0] = max(ends, default=CHILDREN) if capacity is None else len(cells) - capacity
 
 
 def judged(bodies: BatchBodies) -> dict[tuple[int, ...], int]:
-    """What is known of each cell that was judged: of meeting, divisions so far, and its indices among such cells."""
+    """The verdicts on judged cells, by link pair, divisions so far, and the cell's indices among such cells."""
     found = {}
 
-    def look(meeting: int, row: np.ndarray, at: int, divisions: int, indices: tuple[int, ...]) -> None:
+    def look(link_pair: int, row: np.ndarray, at: int, divisions: int, indices: tuple[int, ...]) -> None:
         known = int(bodies.cells[at])
         if known == UNJUDGED:
             return
-        found[meeting, divisions, *indices] = min(known, TOUCHING + 1)
+        found[link_pair, divisions, *indices] = min(known, TOUCHING + 1)
         if known > TOUCHING:
             for child in range(CHILDREN):
                 steps = [child // stride % (1 << row[DIVIDED]) if stride else 0 for stride in row[2:START:3].tolist()]
                 below = tuple((index << row[DIVIDED]) + step for index, step in zip(indices, steps, strict=True))
-                look(meeting, row, known + child, divisions + row[DIVIDED], below)
+                look(link_pair, row, known + child, divisions + row[DIVIDED], below)
 
-    for meeting, row in enumerate(bodies.grids.reshape(-1, GRID_PLACES)):
+    for link_pair, row in enumerate(bodies.grids.reshape(-1, GRID_PLACES)):
         if row[1] > 0:
             counts = row[1:START:3] >> row[LEVELS] * row[DIVIDED]
             for cell in np.flatnonzero(bodies.cells[row[START] : row[START] + counts.prod()]).tolist():
-                look(meeting, row, row[START] + cell, 0, np.unravel_index(cell, counts))
+                look(link_pair, row, row[START] + cell, 0, np.unravel_index(cell, counts))
     return found
 
 
@@ -92,17 +92,17 @@ def test_verdicts_hold_at_the_corners_of_cells(robot: str, verdict: int) -> None
     batch.touching(draw(world.group, 400, 1))
     bodies, rng, seen = batch.tables.bodies, np.random.default_rng(0), set()
     grids, numbers = bodies.grids.reshape(-1, GRID_PLACES), bodies.grid_numbers.reshape(-1, GRID_NUMBERS)
-    pairs, meetings = bodies.pairs.reshape(-1, 3), bodies.meetings.reshape(-1, 4)
+    pairs, link_pairs = bodies.pairs.reshape(-1, 3), bodies.link_pairs.reshape(-1, 4)
     cells = [cell for cell, known in judged(bodies).items() if known == verdict]
     for chosen in rng.permutation(len(cells))[:100].tolist():
-        meeting, divisions, *indices = cells[chosen]
-        places, row = grids[meeting], numbers[meeting].astype(float)
+        link_pair, divisions, *indices = cells[chosen]
+        places, row = grids[link_pair], numbers[link_pair].astype(float)
         corner = np.array(indices) + rng.integers(0, 2, GRID_SIDES)
         z = world.group.to_local(world.group.random(rng))  # any corner of the cell, any value of other coordinates
         for side in np.flatnonzero(row[1:-1:3] > 0.0):
             length = (1 << places[LEVELS] * places[DIVIDED] - divisions) / row[3 * side + 1]
             z[places[3 * side]] = row[3 * side] + corner[side] * length
-        first, last = meetings[meeting, 2:]
+        first, last = link_pairs[link_pair, 2:]
         distances = [distance(world, z, a, b) for a, b, _ in pairs[first:last].tolist()]
         assert min(distances) > 0.0 if verdict == APART else min(distances) <= 0.0
         seen.add(divisions)

@@ -146,7 +146,7 @@ def obstacle(kind: str, centre: np.ndarray, rng: np.random.Generator) -> message
 def without_inner_balls(batch: BatchCollision) -> BatchCollision:
     """The same robot, but not kept from itself, and nothing known of its inside."""
     bodies = batch.tables.bodies
-    tables = batch.tables._replace(bodies=bodies._replace(inners=np.zeros_like(bodies.inners), n_meetings=0))
+    tables = batch.tables._replace(bodies=bodies._replace(inners=np.zeros_like(bodies.inners), n_link_pairs=0))
     return dataclasses.replace(batch, words=pack(tables))
 
 
@@ -182,10 +182,10 @@ TWO_BALLS = """<robot name="balls"><link name="base"/>
 """Two balls that turn about one axis, at distances 0.1 and x from it: they meet if x < 0.3."""
 
 
-def meeting(bodies: BatchBodies) -> set[tuple[int, int]]:
+def checked_pairs(bodies: BatchBodies) -> set[tuple[int, int]]:
     """Pairs of bodies that are asked whether they touch."""
     pairs = bodies.pairs.reshape(-1, 3)
-    rows = [pairs[first:last, :2] for first, last in bodies.meetings.reshape(-1, 4)[:, 2:].tolist()]
+    rows = [pairs[first:last, :2] for first, last in bodies.link_pairs.reshape(-1, 4)[:, 2:].tolist()]
     return {(a, b) for a, b in np.concatenate([np.empty((0, 2), np.int64), *rows]).tolist()}
 
 
@@ -193,8 +193,8 @@ def left_out(planned: PlanningGroup) -> tuple[World, set[tuple[int, int]], set[t
     """The robot among nothing, its pairs, and those of them that are left out."""
     world = World.build(planned, build(messages.Scene(name="nothing")))
     robot = batch_robot(planned, world.pairs.own)
-    left = meeting(prune_pairs(robot, planned.nv).bodies)
-    every = meeting(robot.bodies)
+    left = checked_pairs(prune_pairs(robot, planned.nv).bodies)
+    every = checked_pairs(robot.bodies)
     assert left <= every
     return world, every, every - left
 

@@ -213,7 +213,7 @@ def at_random(chain: SerialChain, seed: int) -> tuple[np.ndarray, np.ndarray, np
 def places_by_pinocchio(planned: PlanningGroup, chain: SerialChain, q: np.ndarray) -> np.ndarray:
     data = planned.model.createData()
     pin.forwardKinematics(planned.model, data, q)
-    joints = [data.oMi[int(joint)] for joint in chain.carriers]
+    joints = [data.oMi[int(joint)] for joint in chain.parent_joints]
     return np.array([*(joint.translation for joint in joints), joints[-1].act(np.array(chain.table.links[-1]))])
 
 

@@ -6,8 +6,8 @@ from hypothesis import given, strategies as st
 from guidefield.kernels.linalg.bordered_band import (
     COUPLED,
     BorderedFactor,
+    allocate_factor,
     factorize_bordered,
-    room_for_factor,
     solve_factorized,
 )
 
@@ -37,7 +37,7 @@ def factorized(
     """The factors, with the border of the whole matrix; None where the system isn't positive definite."""
     n, size, _ = of_blocks.shape
     rows, more = n * size, len(matrix) - n * size
-    factor = room_for_factor(n, size, more)
+    factor = allocate_factor(n, size, more)
     border, corner = (np.ascontiguousarray(part) for part in (matrix[rows:, :rows], matrix[rows:, rows:]))
     return (
         factor

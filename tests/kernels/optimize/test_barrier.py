@@ -11,7 +11,7 @@ from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.optimize.barrier import SOFT, barrier, moved_bodies, place_moved
 from guidefield.kernels.optimize.clearance_model import ClearanceModel
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier
-from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent, room_for_descent
+from guidefield.kernels.optimize.newton_descent import DescentRules, allocate_descent_buffers, newton_descent
 from guidefield.kernels.optimize.obstacle_barrier import moving_distance
 from guidefield.kernels.optimize.penalties import KeptSamples, constraint_penalty
 from guidefield.planner.motion.bspline import BSpline
@@ -162,7 +162,7 @@ def descended(
     kept = unconstrained("panda") if kept is None else kept
     step, begin, taken, _ = newton_descent(
         model, none, ends, limits, times, kept, asked, unit, longest_step, 0.02, spline.step, spline.begin, points,
-        room_for_descent(*points.shape, times),
+        allocate_descent_buffers(*points.shape, times),
     )  # fmt: skip
     return BSpline(points, step, spline.start, spline.end, begin), taken
 

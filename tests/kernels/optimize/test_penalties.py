@@ -67,8 +67,8 @@ def loads_at(limit: MotionLimit, spline: BSpline, samples: LoadSamples) -> np.nd
             continue
         body = samples.speeds[0].body
         pin.forwardKinematics(ARM.model, data, z, dz)
-        carrier = body.joints.table.parents.shape[0] - 1
-        velocity = pin.getVelocity(ARM.model, data, carrier, pin.LOCAL)
+        joint = body.joints.table.parents.shape[0] - 1
+        velocity = pin.getVelocity(ARM.model, data, joint, pin.LOCAL)
         speeds = np.linalg.norm(velocity.linear + np.cross(velocity.angular, body.points), axis=1)
         found.append([(speeds + body.radii * np.linalg.norm(velocity.angular)).max() / 0.1])
     return np.array(found)

@@ -138,15 +138,15 @@ def spread(kind: str, count: int, rng: np.random.Generator) -> np.ndarray:
 def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
     rng = np.random.default_rng(0)
     roots = [spread(kind, count, rng).astype(np.float32) for count in (700, 5000)]
-    room, sampling = _TreeMemory.build(5, 8192), box_about(wraps)
+    memory, sampling = _TreeMemory.build(5, 8192), box_about(wraps)
     for tree, points in enumerate(roots):
-        held_by(room.search)[0][tree, :, : len(points)] = points.T
-    room.search.counters[tree_nodes.SIZE] = len(roots[0])
+        held_by(memory.search)[0][tree, :, : len(points)] = points.T
+    memory.search.counters[tree_nodes.SIZE] = len(roots[0])
     targets = np.concatenate([spread("even", 204, rng), roots[1][:100]]).astype(np.float32)
     nodes = np.zeros(len(targets), np.int64)
-    state, search, words = room.search.buckets.state, room.words, pack(sampling)
+    state, search, words = memory.search.buckets.state, memory.words, pack(sampling)
     for size in (1500, 1600, 5000):  # some in buckets, some not; then more
-        room.search.counters[tree_nodes.SIZE + 1] = size
+        memory.search.counters[tree_nodes.SIZE + 1] = size
         for tree, points in ((0, roots[0]), (1, roots[1][:size])):
             least = apart(points[None], targets[:, None], wraps).min(axis=1)
             for asked in (nearest_nodes, nearest_nodes_of_samples):
@@ -155,7 +155,7 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
                 np.testing.assert_allclose(apart(points[nodes], targets, wraps), least, atol=1e-5)
         assert state[KNOWN] == 0
         assert size - state[STATE + KNOWN] < tree_nodes.LATE
-    buckets = room.search.buckets
+    buckets = memory.search.buckets
     filled, members = buckets.filled[buckets.n :], buckets.members[buckets.n * BUCKET :].reshape(-1, BUCKET)
     held = [members[i, : filled[i]] for i in range(state[STATE + 1])]
     np.testing.assert_array_equal(np.sort(np.concatenate(held)), np.arange(state[STATE + KNOWN]))
@@ -164,13 +164,13 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
 def test_memory_for_as_many_nodes_as_are_examined_one_by_one_has_buckets() -> None:
     """512 goals under path constraints make such a tree, and it may be full."""
     rng, size = np.random.default_rng(0), tree_nodes.LATE
-    room, points = _TreeMemory.build(5, size), spread("even", size, rng).astype(np.float32)
-    held_by(room.search)[0][0, :, :size] = points.T
-    room.search.counters[tree_nodes.SIZE] = size
+    memory, points = _TreeMemory.build(5, size), spread("even", size, rng).astype(np.float32)
+    held_by(memory.search)[0][0, :, :size] = points.T
+    memory.search.counters[tree_nodes.SIZE] = size
     targets, nodes = spread("even", 50, rng).astype(np.float32), np.zeros(50, np.int64)
-    assert len(room.search.buckets.filled) > 0
+    assert len(memory.search.buckets.filled) > 0
     sampling = box_about(0.0 * WRAPS)
-    nearest_nodes(room.words, pack(sampling), 0, targets, nodes)
+    nearest_nodes(memory.words, pack(sampling), 0, targets, nodes)
     np.testing.assert_array_equal(nodes, apart(points[None], targets[:, None], 0.0 * WRAPS).argmin(axis=1))
 
 

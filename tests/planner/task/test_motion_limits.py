@@ -57,14 +57,14 @@ def states(motion: MotionPolynomials) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def dense_rates(planned: PlanningGroup, limit: CartesianLimit, motion: MotionPolynomials) -> np.ndarray:
     """The largest speed and acceleration of the points at samples of all pieces, by Pinocchio."""
     model, data, body = planned.model, planned.model.createData(), limit.body
-    carrier = model.frames[planned.robot.frame_id(limit.name)].parentJoint
+    joint = model.frames[planned.robot.frame_id(limit.name)].parentJoint
     most = np.zeros(2)
     zs, rates, rises = states(motion)
     velocities, accelerations = tangents(planned, zs, rates), tangent_accelerations(planned, zs, rates, rises)
     for z, dz, ddz in zip(zs, velocities, accelerations, strict=True):
         expand = planned.expand_velocity
         pin.forwardKinematics(model, data, planned.expand_from_local(z), expand @ dz, expand @ ddz)
-        v, a = pin.getVelocity(model, data, carrier, pin.LOCAL), pin.getAcceleration(model, data, carrier, pin.LOCAL)
+        v, a = pin.getVelocity(model, data, joint, pin.LOCAL), pin.getAcceleration(model, data, joint, pin.LOCAL)
         w, turn = v.angular, np.linalg.norm(v.angular)
         there = v.linear + np.cross(w, body.points)
         changes = a.linear + np.cross(a.angular, body.points) + np.cross(w, there)

@@ -23,7 +23,7 @@ from guidefield.kernels.collide.layout import (
     DRIFT_WORDS,
     GRID_NUMBERS,
     GRID_PLACES,
-    MEETING,
+    LINK_PAIR,
     MEMORY_WORDS,
     PAIR,
     SCENE_WORDS,
@@ -86,14 +86,16 @@ def prune_pairs(robot: BatchRobot, nv: int) -> BatchRobot:
     views = layout.views(np.zeros(layout.size, np.int64), 0)
     scratch = Scratch(**{name: views[name] for name in Scratch._fields})
     alone = BatchRobotTables(robot.joints, bodies, robot.parts, robot.surfaces, scratch)
-    never = np.zeros(bodies.n_meetings, np.bool_)
+    never = np.zeros(bodies.n_link_pairs, np.bool_)
     never_touching(pack(alone), MOST_JUDGED_CELLS, np.zeros(STACK, np.int64), never)
-    meetings = bodies.meetings.reshape(-1, MEETING)[~never].ravel()
+    link_pairs = bodies.link_pairs.reshape(-1, LINK_PAIR)[~never].ravel()
     grids = bodies.grids.reshape(-1, GRID_PLACES)[~never].ravel()
     numbers = bodies.grid_numbers.reshape(-1, GRID_NUMBERS)[~never].ravel()
-    for array in (meetings, grids, numbers):
+    for array in (link_pairs, grids, numbers):
         array.setflags(write=False)
-    left = bodies._replace(n_meetings=len(meetings) // MEETING, meetings=meetings, grids=grids, grid_numbers=numbers)
+    left = bodies._replace(
+        n_link_pairs=len(link_pairs) // LINK_PAIR, link_pairs=link_pairs, grids=grids, grid_numbers=numbers
+    )
     return dataclasses.replace(robot, bodies=left)
 
 

@@ -66,22 +66,22 @@ class _Side(NamedTuple):
 
 def batch_grids(
     joints: BatchJoints,
-    meetings: np.ndarray,
-    carrying: np.ndarray,
+    link_pairs: np.ndarray,
+    link_joints: np.ndarray,
     covers: Sequence[np.ndarray],
     ranges: np.ndarray,
     most: np.ndarray,
 ) -> Grids:
-    """Lay grids over the coordinates of meetings that depend on three at most.
+    """Lay grids over the coordinates of link pairs that depend on three at most.
 
-    Meetings are pairs of carriers (joints with bodies), the first two columns of (m, 4); `carrying` has the joint of
-    each carrier, `covers` balls (n, 4) that contain its bodies, `ranges` least and largest values (nv, 2). A meeting
-    that depends on more than its `most` (m,) coordinates gets no grid: where its test is quick, cells don't pay.
+    The links of each pair are the first two columns of `link_pairs` (m, 4); `link_joints` has the joint of each link,
+    `covers` balls (n, 4) that contain its bodies, `ranges` least and largest values (nv, 2). A link pair that depends
+    on more than its `most` (m,) coordinates gets no grid: where its test is quick, cells don't pay.
     """
     numbers = joints.numbers.reshape(-1, JOINT)
     every: list[list[_Side] | None] = []
-    for (a, b), allowed in zip(meetings[:, :2].tolist(), most.tolist(), strict=True):
-        way = _way(joints, numbers, int(carrying[a]), int(carrying[b]))
+    for (a, b), allowed in zip(link_pairs[:, :2].tolist(), most.tolist(), strict=True):
+        way = _way(joints, numbers, int(link_joints[a]), int(link_joints[b]))
         sides = None if way is None else _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
         every.append(None if sides is None or len(sides) > allowed else sides)
     share = max(ALWAYS_ALLOWED, MOST_IN_ALL // max(1, sum(sides is not None for sides in every)))
@@ -153,14 +153,14 @@ def _sides(
     covers: tuple[np.ndarray, np.ndarray],
     ranges: np.ndarray,
 ) -> list[_Side] | None:
-    """Return the coordinates that a meeting depends on; None if one has no limits."""
+    """Return the coordinates that a link pair depends on; None if one has no limits."""
     levers: dict[int, float] = {}
     wraps: dict[int, bool] = {}
     for way, cover in zip(ways, covers, strict=True):
         centres, radii = cover[:, :3], cover[:, 3]
         reach = float(
             (np.linalg.norm(centres[:, :2], axis=1) + radii).max()
-        )  # from the axis of the carrier, which is z
+        )  # from the axis of the link's joint, which is z
         beyond = float((np.linalg.norm(centres, axis=1) + radii).max())
         for joint in way:
             source, factor = int(joints.sources[joint]), abs(float(numbers[joint, MULTIPLIER]))

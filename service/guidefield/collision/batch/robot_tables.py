@@ -192,25 +192,25 @@ def batch_robot(group: PlanningGroup, pairs: np.ndarray) -> BatchRobot:
     links = link_tables(group)
     pieces, (covers, inners, grouped, bounds) = links.pieces, links.balls
     joints = np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64)
-    carrying = np.unique(joints)[::-1]
-    members = [np.flatnonzero(joints == joint) for joint in carrying]
-    meetings, ordered = _meetings(pairs, np.searchsorted(-carrying, -joints))
+    link_joints = np.unique(joints)[::-1]
+    members = [np.flatnonzero(joints == joint) for joint in link_joints]
+    link_pairs, ordered = _find_link_pairs(pairs, np.searchsorted(-link_joints, -joints))
     counts = np.array([len(nodes) for nodes in pieces], np.int64)
     products = counts[ordered].prod(axis=1)
     places = _offsets_of(products + (products > 1))
     whole = [np.concatenate([covers[body] for body in bodies]) for bodies in members]
-    several = [bool((products[first:last] > 1).any()) for first, last in meetings[:, 2:].tolist()]
+    several = [bool((products[first:last] > 1).any()) for first, last in link_pairs[:, 2:].tolist()]
     most = np.where(several, GRID_SIDES, GRID_SIDES - 1)
-    grids = batch_grids(links.joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]), most)
+    grids = batch_grids(links.joints, link_pairs, link_joints, whole, np.column_stack([group.lower, group.upper]), most)
     nodes = np.concatenate([np.empty(0, np.int64), *pieces])
     bodies = BatchBodies(
         size=len(joints),
-        carriers=len(carrying),
-        moving=int(np.count_nonzero(carrying)),
-        n_meetings=len(meetings),
+        n_links=len(link_joints),
+        moving=int(np.count_nonzero(link_joints)),
+        n_link_pairs=len(link_pairs),
         n_cells=len(grids.cells),
         joints=joints,
-        carrying=carrying.astype(np.int64),
+        link_joints=link_joints.astype(np.int64),
         members=_offsets(members),
         order=np.concatenate([np.empty(0, np.int64), *members]),
         groups=_offsets(grouped),
@@ -220,7 +220,7 @@ def batch_robot(group: PlanningGroup, pairs: np.ndarray) -> BatchRobot:
         surface_roots=links.surfaces.roots,
         pieces=_offsets(pieces),
         piece_roots=nodes,
-        meetings=meetings.ravel(),
+        link_pairs=link_pairs.ravel(),
         pairs=np.column_stack([ordered, places[:-1]]).ravel(),
         around=_balls([_ball_about(np.concatenate([bounds[body] for body in bodies])) for bodies in members]),
         bounds=_balls(bounds),
@@ -261,16 +261,16 @@ def _spread_points(vertices_bytes: bytes, faces_bytes: bytes) -> np.ndarray:
     return points
 
 
-def _meetings(pairs: np.ndarray, carriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of carriers that meet, with the first and the last + 1 of their pairs (k, 4); the pairs in order.
+def _find_link_pairs(pairs: np.ndarray, links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return link pairs, each with its first pair of bodies and the one past its last (k, 4), and these pairs in order.
 
-    `carriers` (n,) is the carrier of each body.
+    `links` (n,) is the link of each body.
     """
     pairs = np.array(pairs, np.int64).reshape(-1, 2)
-    carried = carriers[pairs]
-    order = np.lexsort((carried[:, 1], carried[:, 0]))
-    pairs, carried = pairs[order], carried[order]
-    distinct, first, counts = np.unique(carried, axis=0, return_index=True, return_counts=True)
+    linked = links[pairs]
+    order = np.lexsort((linked[:, 1], linked[:, 0]))
+    pairs, linked = pairs[order], linked[order]
+    distinct, first, counts = np.unique(linked, axis=0, return_index=True, return_counts=True)
     return np.column_stack([distinct, first, first + counts]).astype(np.int64), pairs
 
 

@@ -88,7 +88,7 @@ def scratch_layout(robot: BatchRobot, nv: int, own_pairs: int, obstacles: int) -
     lengths = {
         "poses": poses,
         "block": nv * LANES,
-        "centres": robot.bodies.carriers * BLOCK,
+        "centres": robot.bodies.n_links * BLOCK,
         "places": (GRID_SIDES + 1) * LANES,
         "hits": HIT * HITS,
         "ignored": met,

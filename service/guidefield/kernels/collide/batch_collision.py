@@ -17,11 +17,11 @@ from numba import boolean, int64, types, void
 
 from guidefield.kernels.collide.broadphase import (
     boxes_near,
-    carrier_centre,
+    link_centre,
     meets_drifting,
     near_obstacle,
     near_obstacle_of,
-    place_carriers,
+    place_links,
 )
 from guidefield.kernels.collide.layout import (
     BALL,
@@ -35,7 +35,7 @@ from guidefield.kernels.collide.layout import (
     OBSTACLE,
     WORLD,
     BatchWorld,
-    carriers_of,
+    links_of,
     pair_of,
     pairs_of,
     robot_of,
@@ -105,7 +105,7 @@ def _list_near_obstacles(world: BatchWorld, clearance: float, likely: bool) -> i
     poses, centres, found, bounds, n = scratch.poses, scratch.centres, scratch.found, bodies.bounds, obstacles.size
     members, order, count = bodies.members, bodies.order, 0
     for c in range(bodies.moving):
-        x, y, z = carrier_centre(centres, c)
+        x, y, z = link_centre(centres, c)
         reach, several = ball_radius(bodies.around, c) + clearance + BAND, members[c + 1] - members[c] > 1
         for block in range((n + LANES - 1) // LANES):
             candidates = boxes_near(obstacles.boxes, block, x, y, z, reach)
@@ -185,20 +185,20 @@ def _add_near_pairs(world: BatchWorld, count: int) -> int:
     bodies, scratch = world.bodies, world.scratch
     coordinates = world.block
     poses, centres, bounds, found = scratch.poses, scratch.centres, bodies.bounds, scratch.found
-    for meeting in range(bodies.n_meetings):
-        a, b = carriers_of(bodies, meeting)
-        x, y, z = carrier_centre(centres, a)
-        u, v, w = carrier_centre(centres, b)
+    for link_pair in range(bodies.n_link_pairs):
+        a, b = links_of(bodies, link_pair)
+        x, y, z = link_centre(centres, a)
+        u, v, w = link_centre(centres, b)
         x, y, z = x - u, y - v, z - w
         reach = ball_radius(bodies.around, a) + ball_radius(bodies.around, b) + BAND
         near = below(x * x + y * y + z * z, splat(reach * reach))
         if near:
-            near = left_of_cells(robot_of(world), meeting, near, coordinates)
+            near = left_of_cells(robot_of(world), link_pair, near, coordinates)
             if near < 0:
                 return -1
         if near == 0:
             continue
-        first_pair, past_pair = pairs_of(bodies, meeting)
+        first_pair, past_pair = pairs_of(bodies, link_pair)
         for pair in range(first_pair, past_pair):
             first, second = pair_of(bodies, pair)
             joint_a, joint_b = bodies.joints[first], bodies.joints[second]
@@ -221,7 +221,7 @@ def block_touches(world: BatchWorld, clearance: float, likely: bool) -> bool:
     batch_placements(joints, coordinates, scratch.poses)
     if likely and _meets_again(world, clearance):
         return True
-    place_carriers(bodies, scratch)
+    place_links(bodies, scratch)
     count = _list_near_obstacles(world, clearance, likely)
     if count < 0:
         return True

@@ -166,19 +166,19 @@ def near_obstacle(obstacles: BatchObstacles, o: int, x: Vector, y: Vector, z: Ve
 
 
 @vector_step(void(BODIES, SCRATCH_MEMORY))
-def place_carriers(bodies: BatchBodies, scratch: Scratch) -> None:
-    """Write the centres of the balls about carriers (`BatchBodies`) where the scratch's poses place them."""
-    poses, around, carrying, centres = scratch.poses, bodies.around, bodies.carrying, scratch.centres
-    for c in range(bodies.carriers):
-        x, y, z = ball_centre(poses, carrying[c], around, c)
+def place_links(bodies: BatchBodies, scratch: Scratch) -> None:
+    """Write the centres of the balls about links (`BatchBodies`) where the scratch's poses place them."""
+    poses, around, link_joints, centres = scratch.poses, bodies.around, bodies.link_joints, scratch.centres
+    for c in range(bodies.n_links):
+        x, y, z = ball_centre(poses, link_joints[c], around, c)
         store(centres, c * BLOCK, x)
         store(centres, c * BLOCK + LANES, y)
         store(centres, c * BLOCK + 2 * LANES, z)
 
 
 @vector_part
-def carrier_centre(centres: Floats32, c: int) -> tuple[Vector, Vector, Vector]:
-    """The centre of the ball about a carrier, of those that `place_carriers` wrote, shape (m * BLOCK,)."""
+def link_centre(centres: Floats32, c: int) -> tuple[Vector, Vector, Vector]:
+    """The centre of the ball about a link, of those that `place_links` wrote, shape (m * BLOCK,)."""
     return points_at(centres, c * BLOCK)
 
 
@@ -217,7 +217,7 @@ def _gap_of_robot(
     h, i, j = boxes[at + HALF_SIDES], boxes[at + HALF_SIDES + 1], boxes[at + HALF_SIDES + 2]
     size = math.sqrt(h * h + i * i + j * j) + boxes[at + ROUNDING]
     for c in range(bodies.moving):
-        u, v, w = carrier_centre(scratch.centres, c)
+        u, v, w = link_centre(scratch.centres, c)
         u, v, w = u - x, v - y, w - z
         reach = largest_of(least + (size + ball_radius(bodies.around, c)), splat(0.0))
         if below(u * u + v * v + w * w, reach * reach) == 0:
@@ -279,7 +279,7 @@ def write_gaps(
             for k in range(LANES):
                 world.block[j * LANES + k] = configurations[min(begin + k, count - 1), j]
         batch_placements(world.joints, world.block, world.scratch.poses)
-        place_carriers(world.bodies, world.scratch)
+        place_links(world.bodies, world.scratch)
         for box in range(boxes.shape[0]):
             at = box * ROUNDED_BOX
             x, y, z = splat(boxes[box, 3]), splat(boxes[box, 7]), splat(boxes[box, 11])

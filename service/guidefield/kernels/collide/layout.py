@@ -47,8 +47,8 @@ MASK, FOUND = 2, 3
 """Columns of a near pair: after body and obstacle, or -1 and the own pair, the mask of lanes; then how many columns
 there are."""
 
-CARRIER_A, CARRIER_B, FIRST_PAIR, PAST_PAIR, MEETING = range(5)
-"""Columns of a meeting: its carriers, its first pair of bodies and the one past its last; then how many there are."""
+LINK_A, LINK_B, FIRST_PAIR, PAST_PAIR, LINK_PAIR = range(5)
+"""Columns of a link pair: its links, its first pair of bodies and the one past its last; then how many there are."""
 
 BODY_A, BODY_B, PAIR_AXES, PAIR = range(4)
 """Columns of a pair: its bodies, and where the axes of its pairs of pieces begin; then how many columns there are."""
@@ -88,19 +88,19 @@ CLOUD = 6  # the kind of an obstacle that is balls about points, beside those of
 class BatchBodies(NamedTuple):
     """The robot's bodies; lengths [m] in the frame of the joint that carries a body.
 
-    A *carrier* is a joint with bodies. Balls contain each other: those about a carrier's bodies, about a body, about a
-    group of its cover's balls, the cover's.
+    A *link* is all bodies that one joint carries; a link pair is two links, some of whose bodies must not touch. Balls
+    contain each other: those about a link's bodies, about a body, about a group of its cover's balls, the cover's.
     """
 
     size: int  # n
-    carriers: int  # m, how many joints carry bodies
+    n_links: int  # m
     moving: int  # how many of them move in the world: the first ones, those far out first
-    n_meetings: int  # pairs of carriers some of whose bodies must not touch
+    n_link_pairs: int
     n_cells: int  # how long `cells` is
     joints: Indices  # (n,) the joint that carries each body
-    carrying: Indices  # (m,) the joint of each carrier
-    members: Indices  # (m + 1,) where the bodies of each carrier begin in `order`
-    order: Indices  # (n,) the bodies, carrier by carrier
+    link_joints: Indices  # (m,) the joint of each link
+    members: Indices  # (m + 1,) where the bodies of each link begin in `order`
+    order: Indices  # (n,) the bodies, link by link
     groups: Indices  # (n + 1,) where the groups of each body's cover begin
     covers: Indices  # (groups + 1,) where the balls of each group begin in `cover`
     inners: Indices  # (n + 1,) where a body's inner balls begin in `inner`
@@ -109,13 +109,13 @@ class BatchBodies(NamedTuple):
     # (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into nearly convex ones
     pieces: Indices
     piece_roots: Indices  # (pieces,) the node of each one's hull in the robot's parts
-    meetings: Indices  # (MEETING * n_meetings,) pairs of carriers, and which pairs of bodies are theirs
-    # (GRID_PLACES * n_meetings,) whole numbers of each meeting's grid; all 0 where bodies' distance depends on more
+    link_pairs: Indices  # (LINK_PAIR * n_link_pairs,) the links of each pair, and which pairs of bodies are theirs
+    # (GRID_PLACES * n_link_pairs,) whole numbers of each link pair's grid; all 0 where bodies' distance depends on more
     # coordinates
     grids: Indices
     # (PAIR * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin
     pairs: Indices
-    around: Singles  # (BALL_ROW * m,) a ball about each carrier's bodies
+    around: Singles  # (BALL_ROW * m,) a ball about each link's bodies
     bounds: Singles  # (BALL_ROW * n,) a ball about each body
     piece_bounds: Singles  # (BALL_ROW * pieces,) a ball about each piece
     # (12 * n,) where the frame of its surface is in that of the joint, rotation and translation row by row
@@ -123,7 +123,7 @@ class BatchBodies(NamedTuple):
     grouped: Singles  # (BALL_ROW * groups,) a ball about each group
     cover: Singles  # (BALL_ROW * c,) balls that contain the bodies
     inner: Singles  # (BALL_ROW * i,) balls that are inside them
-    grid_numbers: Singles  # (GRID_NUMBERS * n_meetings,) real numbers of the grids
+    grid_numbers: Singles  # (GRID_NUMBERS * n_link_pairs,) real numbers of the grids
     # (n_cells,) verdicts on the grids' cells, or where a cell's children begin, as `self_narrowphase` has them; int32,
     # written by the kernels. The first number says from where on the array is free.
     cells: Cells
@@ -165,7 +165,7 @@ class Scratch(NamedTuple):
     """
 
     poses: SinglesOut  # (joints * POSE,) placements
-    centres: SinglesOut  # (m * BLOCK,) centres of the balls about carriers
+    centres: SinglesOut  # (m * BLOCK,) centres of the balls about links
     # (FOUND * (bodies * obstacles + pairs),) what is near what: body, obstacle and mask, or -1, pair and mask
     found: IndicesOut
     obstacle_axes: RowOut  # (AXIS_AND_REACH * bodies * obstacles,) in the world; how far the obstacle reaches along it
@@ -250,15 +250,15 @@ def pair_of(bodies: BatchBodies, pair: int) -> tuple[int, int]:
 
 
 @vector_part
-def carriers_of(bodies: BatchBodies, meeting: int) -> tuple[int, int]:
-    """The carriers of a meeting."""
-    return bodies.meetings[MEETING * meeting + CARRIER_A], bodies.meetings[MEETING * meeting + CARRIER_B]
+def links_of(bodies: BatchBodies, link_pair: int) -> tuple[int, int]:
+    """The links of a link pair."""
+    return bodies.link_pairs[LINK_PAIR * link_pair + LINK_A], bodies.link_pairs[LINK_PAIR * link_pair + LINK_B]
 
 
 @vector_part
-def pairs_of(bodies: BatchBodies, meeting: int) -> tuple[int, int]:
-    """The first pair of bodies of a meeting, and the one past its last."""
-    return bodies.meetings[MEETING * meeting + FIRST_PAIR], bodies.meetings[MEETING * meeting + PAST_PAIR]
+def pairs_of(bodies: BatchBodies, link_pair: int) -> tuple[int, int]:
+    """The first pair of bodies of a link pair, and the one past its last."""
+    return bodies.link_pairs[LINK_PAIR * link_pair + FIRST_PAIR], bodies.link_pairs[LINK_PAIR * link_pair + PAST_PAIR]
 
 
 @vector_part

@@ -24,7 +24,7 @@ may grow, not shrink."""
 class BodyBalls(NamedTuple):
     """Balls about a robot's r bodies."""
 
-    carriers: Indices  # the joint that carries each body, shape (r,)
+    parent_joints: Indices  # the joint that carries each body, shape (r,)
     centres: Rows  # centres of the balls about bodies in the frame of that joint, shape (r, 3) [m]
     radii: Row  # their radii, shape (r,) [m]
     part_centres: Blocks  # centres of balls that together hold a body, in the same frame, shape (r, parts, 3) [m]
@@ -66,7 +66,7 @@ def _place(place: Floats, point: Floats, found: Floats) -> None:
 def _place_parts(robot: BodyBalls, b: int, placements: Floats, parts: Floats) -> None:
     """Place the balls about parts of a body, shape (parts, 3)."""
     for k in range(robot.part_centres.shape[1]):
-        _place(placements[robot.carriers[b]], robot.part_centres[b, k], parts[k])
+        _place(placements[robot.parent_joints[b]], robot.part_centres[b, k], parts[k])
 
 
 @vector_uncounted
@@ -152,7 +152,7 @@ def is_left_out(left_out: Integers, mixed: int) -> bool:
 
 @vector_uncounted
 def _note(found: Integers, count: int, s: int, pair: int) -> int:
-    """Note a pair where there is room; how many there are by now."""
+    """Note a pair if the capacity allows; how many there are by now."""
     if count < found.shape[0]:
         found[count, 0], found[count, 1] = s, pair
     return count + 1
@@ -189,15 +189,15 @@ def find_near_pairs(
     """Write the pairs at configurations that balls and boxes can't tell to be farther apart than a margin [m].
 
     `placements` (s, joints, 12) are ``T_world_joint`` [m]; asked about are the `own` pairs (k,) and the rows `moving`
-    (k,) of moving bodies, ascending. `found` (room, 2) gets configuration and pair, by configuration, not by pair.
-    Returns the count, also of those for which there is no room.
+    (k,) of moving bodies, ascending. `found` (capacity, 2) gets configuration and pair, by configuration, not by pair.
+    Returns the count, also of those beyond the capacity.
     """
     centres, parts = np.empty((robot.radii.shape[0], 3)), np.empty((2, robot.part_centres.shape[1], 3))
     stack = np.empty((obstacles.children * obstacles.levels.shape[0], 2), np.int64)
     box, met, count = np.empty((2, 3)), np.empty(obstacles.axes.shape[0], np.int64), 0
     for s in range(placements.shape[0]):
         for b in range(centres.shape[0]):
-            _place(placements[s, robot.carriers[b]], robot.centres[b], centres[b])
+            _place(placements[s, robot.parent_joints[b]], robot.centres[b], centres[b])
         for k in own:
             if _are_own_near(robot, pairs.own[k, 0], pairs.own[k, 1], margin, placements[s], centres, parts):
                 count = _note(found, count, s, k)

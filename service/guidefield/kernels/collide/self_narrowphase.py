@@ -43,7 +43,7 @@ from guidefield.kernels.collide.layout import (
     BatchBodies,
     BatchRobotTables,
     alone_of,
-    carriers_of,
+    links_of,
     pair_of,
     pairs_of,
 )
@@ -173,27 +173,27 @@ def _pair_apart(robot: BatchRobotTables, first: int, second: int, margin: float)
 
 
 @vector_step(int64(ALONE, int64, int64, int64, int64, int64, types.float64))
-def judge_cell(robot: BatchRobotTables, meeting: int, a: int, b: int, c: int, shift: int, besides: float) -> int:
-    """Return the verdict on the bodies of a meeting wherever in a cell of its grid the coordinates are.
+def judge_cell(robot: BatchRobotTables, link_pair: int, a: int, b: int, c: int, shift: int, besides: float) -> int:
+    """Return the verdict on the bodies of a link pair wherever in a cell of its grid the coordinates are.
 
     a, b, c are indices of one of the smallest cells in it, its sides are 2^shift as long; `besides` is what bodies have
     to keep besides, or to lie in each other [m], at least `BAND`.
     """
     joints, bodies, scratch = robot.joints, robot.bodies, robot.scratch
-    grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * meeting, GRID_NUMBERS * meeting
+    grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * link_pair, GRID_NUMBERS * link_pair
     for side in range(GRID_SIDES):
         n, index = at + SIDE * side, a if side == 0 else b if side == 1 else c
         if numbers[n + PER_LENGTH] > 0.0:
             middle = numbers[n + LEAST] + ((index >> shift) + 0.5) * (1 << shift) / numbers[n + PER_LENGTH]
             store(scratch.middle, grids[place + SIDE * side + SOURCE] * LANES, splat(middle))
     batch_placements(joints, scratch.middle, scratch.middle_poses)
-    first_carrier, second_carrier = carriers_of(bodies, meeting)
-    one_pose(scratch.middle_poses, bodies.carrying[first_carrier], 0, scratch.pose_a)
-    one_pose(scratch.middle_poses, bodies.carrying[second_carrier], 0, scratch.pose_b)
+    first_link, second_link = links_of(bodies, link_pair)
+    one_pose(scratch.middle_poses, bodies.link_joints[first_link], 0, scratch.pose_a)
+    one_pose(scratch.middle_poses, bodies.link_joints[second_link], 0, scratch.pose_b)
     divisions = grids[place + LEVELS] * grids[place + DIVIDED]
     verdict, moved = APART, numbers[at + MOVED] * (1 << shift) / (1 << divisions) + besides
     write_axis(scratch.work, 0.0, 0.0, 0.0)  # the axis between the last bodies that were apart may do for the next
-    first_pair, past_pair = pairs_of(bodies, meeting)
+    first_pair, past_pair = pairs_of(bodies, link_pair)
     for pair in range(first_pair, past_pair):
         first, second = pair_of(bodies, pair)
         if verdict == APART and _pair_apart(robot, first, second, moved):
@@ -208,19 +208,19 @@ _TURN = 6.283185307179586
 
 
 @vector_step(int64(ALONE, int64, int64, int64, int64, int64))
-def _judge_largest(robot: BatchRobotTables, meeting: int, a: int, b: int, c: int, shift: int) -> int:
+def _judge_largest(robot: BatchRobotTables, link_pair: int, a: int, b: int, c: int, shift: int) -> int:
     """Judge one of a grid's largest cells when it is met first: as many of them together, or by itself."""
     bodies = robot.bodies
-    grids, cells, place = bodies.grids, bodies.cells, GRID_PLACES * meeting
+    grids, cells, place = bodies.grids, bodies.cells, GRID_PLACES * link_pair
     larger, at = shift + grids[place + DIVIDED], 0
     for side in range(GRID_SIDES):
         index = a if side == 0 else b if side == 1 else c
         at = at * ((grids[place + SIDE * side + COUNT] - 1 >> larger) + 1) + (index >> larger)
     at += grids[place + TOGETHER]
     if cells[at] == UNJUDGED:
-        cells[at] = judge_cell(robot, meeting, a, b, c, larger, BAND)
+        cells[at] = judge_cell(robot, link_pair, a, b, c, larger, BAND)
     known = int(cells[at])
-    return known if known != UNKNOWN else judge_cell(robot, meeting, a, b, c, shift, BAND)
+    return known if known != UNKNOWN else judge_cell(robot, link_pair, a, b, c, shift, BAND)
 
 
 @intrinsic
@@ -247,10 +247,10 @@ def _claim(cells: Any, amount: int, size: int) -> int:
 
 
 @vector_part
-def _find_verdict(robot: BatchRobotTables, meeting: int, chosen: int) -> int:
-    """Return the verdict on a meeting's bodies at a lane's configuration, by the smallest cell that has to be asked."""
+def _find_verdict(robot: BatchRobotTables, link_pair: int, chosen: int) -> int:
+    """Return the verdict on a link pair's bodies at a lane's configuration, by the smallest cell that is needed."""
     bodies, scratch = robot.bodies, robot.scratch
-    grids, cells, places, place = bodies.grids, bodies.cells, scratch.places, GRID_PLACES * meeting
+    grids, cells, places, place = bodies.grids, bodies.cells, scratch.places, GRID_PLACES * link_pair
     a, b, c = int(places[chosen]), int(places[LANES + chosen]), int(places[2 * LANES + chosen])
     divided, largest = grids[place + DIVIDED], grids[place + START] + int(places[GRID_SIDES * LANES + chosen])
     shift, last, at = divided * grids[place + LEVELS], (1 << divided) - 1, largest
@@ -258,9 +258,9 @@ def _find_verdict(robot: BatchRobotTables, meeting: int, chosen: int) -> int:
         known = int(cells[at])
         if known == UNJUDGED:
             if at == largest:
-                known = _judge_largest(robot, meeting, a, b, c, shift)
+                known = _judge_largest(robot, link_pair, a, b, c, shift)
             else:
-                known = judge_cell(robot, meeting, a, b, c, shift, BAND)
+                known = judge_cell(robot, link_pair, a, b, c, shift, BAND)
             if known == UNKNOWN and shift > 0:
                 known = max(UNKNOWN, _claim(cells, CHILDREN, bodies.n_cells))
             cells[at] = known
@@ -285,14 +285,14 @@ def _apart_by_largest(apart: Any, start: int, places: Floats32) -> int:
 
 
 @vector_step(int64(ALONE, int64, int64, FLOAT_POINTER))
-def left_of_cells(robot: BatchRobotTables, meeting: int, mask: int, coordinates: Floats32) -> int:
-    """The lanes of a mask where nothing is known of a meeting's bodies by their cells, -1 if they touch in any.
+def left_of_cells(robot: BatchRobotTables, link_pair: int, mask: int, coordinates: Floats32) -> int:
+    """The lanes of a mask where nothing is known of a link pair's bodies by their cells, -1 if they touch in any.
 
     `coordinates` are a world's block.
     """
     bodies, scratch = robot.bodies, robot.scratch
     grids, numbers, places = bodies.grids, bodies.grid_numbers, scratch.places
-    place, at, cells, inside = GRID_PLACES * meeting, GRID_NUMBERS * meeting, splat(0.0), mask
+    place, at, cells, inside = GRID_PLACES * link_pair, GRID_NUMBERS * link_pair, splat(0.0), mask
     if grids[place + COUNT] == 0:
         return mask
     divisions = 1 << grids[place + LEVELS] * grids[place + DIVIDED]
@@ -310,7 +310,7 @@ def left_of_cells(robot: BatchRobotTables, meeting: int, mask: int, coordinates:
     while mask:
         chosen = first_lane(mask)
         mask &= mask - 1
-        known = _find_verdict(robot, meeting, chosen)
+        known = _find_verdict(robot, link_pair, chosen)
         if known == TOUCHING:
             return -1
         if known != APART:
@@ -325,9 +325,9 @@ CELL = GRID_SIDES + 1
 
 
 @vector_step(boolean(ALONE, int64, int64, INTEGER_POINTER))
-def _is_always_apart(robot: BatchRobotTables, meeting: int, most: int, stack: Integers) -> bool:
-    """Tell if a meeting's bodies keep apart in all of its grid, as far as its cells tell; others are halved."""
-    grids, place = robot.bodies.grids, GRID_PLACES * meeting
+def _is_always_apart(robot: BatchRobotTables, link_pair: int, most: int, stack: Integers) -> bool:
+    """Tell if a link pair's bodies keep apart in all of its grid, as far as its cells tell; others are halved."""
+    grids, place = robot.bodies.grids, GRID_PLACES * link_pair
     largest, longest = grids[place + LEVELS] * grids[place + DIVIDED], 0
     for side in range(GRID_SIDES):
         while 1 << longest < grids[place + SIDE * side + COUNT]:
@@ -338,7 +338,7 @@ def _is_always_apart(robot: BatchRobotTables, meeting: int, most: int, stack: In
         top -= 1
         a, b, c, shift = stack[CELL * top], stack[CELL * top + 1], stack[CELL * top + 2], stack[CELL * top + 3]
         most -= 1
-        known = judge_cell(robot, meeting, a, b, c, shift, BEYOND)
+        known = judge_cell(robot, link_pair, a, b, c, shift, BEYOND)
         if known == APART:
             continue
         if known == TOUCHING or most <= 0 or shift <= largest:
@@ -359,19 +359,19 @@ STACK = CELL * 256  # numbers of the memory for cells that wait: fewer than 8 mo
 
 @vector_kernel
 def never_touching(words: Indices, most: int, stack: IndicesOut, never_out: TruthsOut) -> None:
-    """Write for each meeting if its bodies are known to keep apart wherever their coordinates are within limits.
+    """Write for each link pair if its bodies are known to keep apart wherever their coordinates are within limits.
 
     Args:
         words: A packed `BatchRobotTables`.
-        most: Cells judged for each meeting at most, divided by its number of pairs.
+        most: Cells judged for each link pair at most, divided by its number of pairs.
         stack: Memory, shape (STACK,).
-        never_out: Shape (n_meetings,).
+        never_out: Shape (n_link_pairs,).
     """
     robot = alone_of(pointers(words))
-    for meeting in range(len(never_out)):
-        first, past = pairs_of(robot.bodies, meeting)
-        gridded = robot.bodies.grids[GRID_PLACES * meeting + COUNT] > 0
-        never_out[meeting] = gridded and _is_always_apart(robot, meeting, most // (past - first), pointers(stack))
+    for link_pair in range(len(never_out)):
+        first, past = pairs_of(robot.bodies, link_pair)
+        gridded = robot.bodies.grids[GRID_PLACES * link_pair + COUNT] > 0
+        never_out[link_pair] = gridded and _is_always_apart(robot, link_pair, most // (past - first), pointers(stack))
 
 
 @vector_step(int64(ALONE, int64, int64, int64, int64, int64, int64))

@@ -39,7 +39,7 @@ class SweptRobot(NamedTuple):
     joints: JointTable  # the joints of its model
     origin: Row  # (nq,) configuration from which rotation vectors start
     capsules: Rows  # (c, CAPSULE) ends and radius in the frame of their joint [m]
-    carriers: Indices  # (c,) the joint of each; 0 stands still
+    parent_joints: Indices  # (c,) the joint of each; 0 stands still
     own: IndexRows  # (k, 2) capsules that must not touch each other
     # (k, 2) for each of these two the joint nearest to the root that moves it and not the other; 0 if none does
     apart: IndexRows
@@ -86,7 +86,7 @@ def _lever(robot: SweptRobot, joint: int, world: Floats, end: Floats) -> float:
 def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
     """Write the ends (c, 6) of the capsules' axes in the world, by placements of joints (n, 3, 4) [m]."""
     for c in range(robot.capsules.shape[0]):
-        T = world[robot.carriers[c]]
+        T = world[robot.parent_joints[c]]
         for e in (FIRST_END, SECOND_END):
             x, y, z = robot.capsules[c, e], robot.capsules[c, e + 1], robot.capsules[c, e + 2]
             ends_out[c, e], ends_out[c, e + 1], ends_out[c, e + 2] = moved_by(T, x, y, z)
@@ -112,7 +112,7 @@ def joint_shares(
     for j in range(1, parents.shape[0]):
         chords[j] = 2.0 * math.sin(0.5 * min(half * turns[j], math.pi))
     for c in range(robot.capsules.shape[0]):
-        together, j = 0.0, robot.carriers[c]
+        together, j = 0.0, robot.parent_joints[c]
         while j > 0:
             if turns[j] > 0.0 or slides[j, 0] > 0.0:
                 lever = max(_lever(robot, j, world, ends[c, :3]), _lever(robot, j, world, ends[c, 3:6]))
@@ -138,7 +138,7 @@ def capsule_accelerations(robot: SweptRobot, turns: Floats, slides: Floats, out:
         u, v, w = row[SECOND_END], row[SECOND_END + 1], row[SECOND_END + 2]
         r = row[RADIUS] + math.sqrt(max(x * x + y * y + z * z, u * u + v * v + w * w))
         v, a = 0.0, 0.0
-        j = robot.carriers[c]
+        j = robot.parent_joints[c]
         while j > 0:
             w, kind = turns[j], robot.joints.kinds[j]
             change = 1.0 if kind in (REVOLUTE, CONTINUOUS, PLANAR) else 1.5
@@ -171,7 +171,7 @@ def capsule_speeds(
                 value += subspaces[r, k] * dz[r]
             twists[i, k] = value
     for c in range(robot.capsules.shape[0]):
-        t = twists[robot.carriers[c]]
+        t = twists[robot.parent_joints[c]]
         fastest = 0.0
         for e in range(2):
             x, y, u = ends[c, 3 * e], ends[c, 3 * e + 1], ends[c, 3 * e + 2]
@@ -212,11 +212,11 @@ def changing(robot: SweptRobot, turns: Floats, slides: Floats, moving: Integers,
     for j in range(1, parents.shape[0]):
         moving[j] = moving[parents[j]] + (1 if turns[j] > 0.0 or slides[j, 0] > 0.0 else 0)
     for item in range(count + robot.own.shape[0]):
-        changes = item < count and moving[robot.carriers[item]] > 0
+        changes = item < count and moving[robot.parent_joints[item]] > 0
         if item >= count:
             for e in range(2):
                 top = robot.apart[item - count, e]
-                changes |= top > 0 and moving[robot.carriers[robot.own[item - count, e]]] > moving[parents[top]]
+                changes |= top > 0 and moving[robot.parent_joints[robot.own[item - count, e]]] > moving[parents[top]]
         if changes:
             items_out[found] = item
             found += 1
@@ -342,7 +342,7 @@ def motion_apart(
     # the end first: most motions that are refused end in contact
     _at(robot, z, q, world, ends, balls)
     for item in range(items):
-        judged = robot.carriers[item] > 0 if item < count else not _far(robot, item, balls, 0.0, self_margin)
+        judged = robot.parent_joints[item] > 0 if item < count else not _far(robot, item, balls, 0.0, self_margin)
         if judged and not _item_apart(robot, tables, item, ends, 0.0, margin, self_margin, candidates, parts):
             return False
     spreads(robot, z0, z1, turns, slides)

@@ -45,8 +45,8 @@ class Strung(NamedTuple):
     rotations: Floats  # of the links in the world, shape (n, 3, 3)
 
 
-class SweepRoom(NamedTuple):
-    """Scratch of one round; n joints."""
+class SweepBuffers(NamedTuple):
+    """Buffers of one round; n joints."""
 
     world: Floats  # placements of joints about the tables' origin, shape (n, 3, 4) [m]
     wrenches: Floats  # on what each joint carries, shape (n, 6)
@@ -60,60 +60,68 @@ class SweepRoom(NamedTuple):
 
 @inlined
 def strung(nq: int, n: int) -> Any:
-    """Memory for a chain: length of a configuration, count of links."""
+    """Buffers for a chain: length of a configuration, count of links."""
     return Strung(np.empty(nq), np.empty((n + 1, 3)), np.empty((n, 3, 3)))
 
 
 @inlined
-def put_at(chain: Any, joints: Any, carriers: Any, world: Floats, at: Any) -> None:
+def put_at(chain: Any, joints: Any, parent_joints: Any, world: Floats, at: Any) -> None:
     """Write places of joints and rotations of links from the configuration `at.q`, and placements (joints, 3, 4) [m].
 
-    `carriers` (n,) has the joint that carries each link.
+    `parent_joints` (n,) has the joint that carries each link.
     """
-    n = carriers.shape[0]
+    n = parent_joints.shape[0]
     joint_placements(joints, at.q, world)
     for k in range(n):
         for r in range(3):
-            at.places[k, r] = world[carriers[k], r, 3]
+            at.places[k, r] = world[parent_joints[k], r, 3]
             for c in range(3):
-                at.rotations[k, r, c] = world[carriers[k], r, c]
+                at.rotations[k, r, c] = world[parent_joints[k], r, c]
     R, link = at.rotations[n - 1], chain.links[n - 1]
     for r in range(3):
         at.places[n, r] = at.places[n - 1, r] + R[r, 0] * link[0] + R[r, 1] * link[1] + R[r, 2] * link[2]
 
 
 @inlined
-def _feel(joints: Any, carriers: Any, robot: Any, tables: Any, at: Any, low: int, high: int, room: Any) -> None:
-    """Forces and torques (about the joint before) on links `low` to `high`, from 0, into the room."""
-    world, origin = room.world, tables.origin
+def _feel(joints: Any, parent_joints: Any, robot: Any, tables: Any, at: Any, low: int, high: int, buffers: Any) -> None:
+    """Forces and torques (about the joint before) on links `low` to `high`, from 0, into the buffers."""
+    world, origin = buffers.world, tables.origin
     joint_placements(joints, at.q, world)
     for i in range(world.shape[0]):
         for r in range(3):
             world[i, r, 3] -= origin[r]
-    place_points(robot, world, room.points)
+    place_points(robot, world, buffers.points)
     link_wrenches(
-        robot, tables, world, room.points, room.weights, carriers[low], carriers[high], room.counting, room.wrenches
+        robot,
+        tables,
+        world,
+        buffers.points,
+        buffers.weights,
+        parent_joints[low],
+        parent_joints[high],
+        buffers.counting,
+        buffers.wrenches,
     )
     for k in range(low, high + 1):
-        f = room.wrenches[carriers[k]]
+        f = buffers.wrenches[parent_joints[k]]
         x, y, z = at.places[k, 0] - origin[0], at.places[k, 1] - origin[1], at.places[k, 2] - origin[2]
-        room.forces[k, 0], room.forces[k, 1], room.forces[k, 2] = f[0], f[1], f[2]
-        room.torques[k, 0] = f[3] - (y * f[2] - z * f[1])
-        room.torques[k, 1] = f[4] - (z * f[0] - x * f[2])
-        room.torques[k, 2] = f[5] - (x * f[1] - y * f[0])
+        buffers.forces[k, 0], buffers.forces[k, 1], buffers.forces[k, 2] = f[0], f[1], f[2]
+        buffers.torques[k, 0] = f[3] - (y * f[2] - z * f[1])
+        buffers.torques[k, 1] = f[4] - (z * f[0] - x * f[2])
+        buffers.torques[k, 2] = f[5] - (x * f[1] - y * f[0])
 
 
 @inlined
-def push(joints: Any, carriers: Any, robot: Any, tables: Any, at: Any, kind: int, k: int, room: Any) -> Vector3:
+def push(joints: Any, parent_joints: Any, robot: Any, tables: Any, at: Any, kind: int, k: int, buffers: Any) -> Vector3:
     """The force or torque that a search follows."""
-    n = carriers.shape[0]
+    n = parent_joints.shape[0]
     low, high = 0, n - 1
     if kind in (TURN_TOWARDS, TURN_PAIR):
         high = k - 1
     elif kind == TURN_FROM:
         low, high = k - 1, k - 1
-    _feel(joints, carriers, robot, tables, at, low, high, room)
-    F, T, end, J = room.forces, room.torques, room.end, at.places
+    _feel(joints, parent_joints, robot, tables, at, low, high, buffers)
+    F, T, end, J = buffers.forces, buffers.torques, buffers.end, at.places
     if kind == TURN_FROM:  # tau_k alone: of a chain that nothing holds
         return T[k - 1, 0], T[k - 1, 1], T[k - 1, 2]
     x, y, z = 0.0, 0.0, 0.0
@@ -284,18 +292,18 @@ def _free(
     )
 )
 def sweep(
-    chain: Any, joints: Any, carriers: Any, leads: int, robot: Any, tables: Any, swept: Any, bodies: Any, guard: Any,
-    searching: Any, values: Any, lower: Floats, upper: Floats, normal: Floats, q: Floats, path_out: Floats,
+    chain: Any, joints: Any, parent_joints: Any, leads: int, robot: Any, tables: Any, swept: Any, bodies: Any,
+    guard: Any, searching: Any, values: Any, lower: Floats, upper: Floats, normal: Floats, q: Floats, path_out: Floats,
     counts_out: Any,
 ) -> int:  # fmt: skip
     """Make one round: slide, then reorient every link; return how many configurations were accepted.
 
-    `carriers` (n,) has the joint of each link; `leads` is 1 where the first joint is the tip and nothing holds it. A
-    motion that the capsules can't tell is free is not taken. `values` (nv,) is where values with limits `lower` and
+    `parent_joints` (n,) has the joint of each link; `leads` is 1 where the first joint is the tip and nothing holds it.
+    A motion that the capsules can't tell is free is not taken. `values` (nv,) is where values with limits `lower` and
     `upper` (nv,) stand, -1 where there are none, `normal` (3,) that of the plane in which the tip slides, `path_out`
     (most, nq) gets the configurations accepted, where it is full the round ends; `counts_out` (COUNTS,) is added to.
     """
-    n, kind_of_lane = carriers.shape[0], tables.boxes.dtype
+    n, kind_of_lane = parent_joints.shape[0], tables.boxes.dtype
     lanes = robot.points.shape[0] + 2 * LANES
     counting, weights = np.empty(LANES, kind_of_lane), np.zeros(lanes, kind_of_lane)
     for i in range(LANES):
@@ -303,7 +311,7 @@ def sweep(
     for i in range(robot.points.shape[0]):
         weights[i] = robot.weights[i]
     count = joints.parents.shape[0]
-    room = SweepRoom(
+    buffers = SweepBuffers(
         np.empty((count, 3, 4)), np.empty((count, 6)), np.empty((3, lanes), kind_of_lane), weights, np.zeros((n, 3)),
         np.zeros((n, 3)), np.empty(3), counting,
     )  # fmt: skip
@@ -311,11 +319,11 @@ def sweep(
     axis, target = np.empty(3), np.empty(3)
     z0, z1 = np.empty(lower.shape[0]), np.empty(lower.shape[0])
     here.q[:] = q
-    put_at(chain, joints, carriers, room.world, here)
+    put_at(chain, joints, parent_joints, buffers.world, here)
     taken = 0
     for task in range(1 + 2 * n if leads == 1 else 2 * n - 2):
         kind, k, which = _kind_of(leads, task, n)
-        felt = push(joints, carriers, robot, tables, here, kind, k, room)
+        felt = push(joints, parent_joints, robot, tables, here, kind, k, buffers)
         counts_out[EVALUATIONS] += 1
         if not _axis_of(kind, k, which, here, felt, normal, axis):
             continue
@@ -334,7 +342,7 @@ def sweep(
             here, there = there, here
             path_out[taken] = here.q
             taken += 1
-            felt = push(joints, carriers, robot, tables, here, kind, k, room)
+            felt = push(joints, parent_joints, robot, tables, here, kind, k, buffers)
             counts_out[EVALUATIONS] += 1
             if (felt[0] * axis[0] + felt[1] * axis[1] + felt[2] * axis[2]) * step < 0.0:
                 step *= -0.5

@@ -49,7 +49,7 @@ class State(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Room for a step; m tangents of the model, nv of the group."""
+    """Buffers of a step; m tangents of the model, nv of the group."""
 
     gradient: Floats  # dU/dv, shape (nv,)
     v: Floats  # the step, shape (nv,)
@@ -68,14 +68,14 @@ class Step(NamedTuple):
 
 
 @inlined
-def state_room(nq: int, n: int) -> Any:
-    """Memory for a state: length of a configuration, count of joints."""
+def allocate_state(nq: int, n: int) -> Any:
+    """Allocate a state: length of a configuration, count of joints."""
     return State(np.empty(nq), np.empty((n, 3, 4)), np.empty((n, 6)), np.empty((n, 10)))
 
 
 @inlined
-def step_room(n: int, m: int, nv: int, kind: int) -> Any:
-    """Memory for a step: joints, tangents of the model, of the group, rows of the constraint."""
+def allocate_step(n: int, m: int, nv: int, kind: int) -> Any:
+    """Allocate the buffers of a step: joints, tangents of the model, of the group, rows of the constraint."""
     return Step(
         np.empty(nv), np.empty(nv), np.empty((kind, nv)), np.empty((1 + kind, nv)), np.empty((kind, nv)),
         np.empty((6, nv)), np.empty((kind, kind)), np.empty(kind), np.zeros(nv, np.int64), np.empty(m),
@@ -100,16 +100,16 @@ def _gradient(mover: Any, subspaces: Floats, wrenches: Floats, carried: Floats, 
 
 
 @inlined
-def _divide(mover: Any, factors: Any, right: Floats, room: Any, out: Floats) -> None:
+def _divide(mover: Any, factors: Any, right: Floats, buffers: Any, out: Floats) -> None:
     """M^-1 of a row of the group (nv,): mimic joints share what acts on their source, and answer instead of it."""
     for r in range(mover.leaders.shape[0]):
         k = mover.leaders[r]
-        room.right[r] = mover.factors[r] / mover.norms[k] * right[k]
-    solve(mover.joints, factors, room.right, room.forces, room.right)
+        buffers.right[r] = mover.factors[r] / mover.norms[k] * right[k]
+    solve(mover.joints, factors, buffers.right, buffers.forces, buffers.right)
     out[:] = 0.0
     for r in range(mover.leaders.shape[0]):
         k = mover.leaders[r]
-        out[k] += mover.factors[r] / mover.norms[k] * room.right[r]
+        out[k] += mover.factors[r] / mover.norms[k] * buffers.right[r]
 
 
 @inlined
@@ -128,50 +128,50 @@ def _inverse(gram: Floats) -> None:
 
 
 @inlined
-def _project(mover: Any, factors: Any, room: Any) -> None:
+def _project(mover: Any, factors: Any, buffers: Any) -> None:
     """V = -(y - Z C y) over the joints that are not blocked."""
-    nv, kind = room.v.shape[0], room.error.shape[0]
+    nv, kind = buffers.v.shape[0], buffers.error.shape[0]
     for k in range(nv):
-        room.tangent[k] = 0.0 if room.blocked[k] == 1 else room.gradient[k]
-    y = room.products[0]
-    _divide(mover, factors, room.tangent, room, y)
+        buffers.tangent[k] = 0.0 if buffers.blocked[k] == 1 else buffers.gradient[k]
+    y = buffers.products[0]
+    _divide(mover, factors, buffers.tangent, buffers, y)
     for a in range(kind):
         for k in range(nv):
-            room.tangent[k] = 0.0 if room.blocked[k] == 1 else room.rows[a, k]
-        _divide(mover, factors, room.tangent, room, room.products[1 + a])
+            buffers.tangent[k] = 0.0 if buffers.blocked[k] == 1 else buffers.rows[a, k]
+        _divide(mover, factors, buffers.tangent, buffers, buffers.products[1 + a])
     for a in range(kind):
         for b in range(kind):
             value = 0.0
             for k in range(nv):
-                value += room.rows[a, k] * room.products[1 + b, k]
-            room.gram[a, b] = value
-    _inverse(room.gram)
+                value += buffers.rows[a, k] * buffers.products[1 + b, k]
+            buffers.gram[a, b] = value
+    _inverse(buffers.gram)
     for k in range(nv):
         for a in range(kind):
             value = 0.0
             for b in range(kind):
-                value += room.gram[a, b] * room.products[1 + b, k]
-            room.Z[a, k] = value
-        room.v[k] = -y[k]
+                value += buffers.gram[a, b] * buffers.products[1 + b, k]
+            buffers.Z[a, k] = value
+        buffers.v[k] = -y[k]
     for a in range(kind):
         value = 0.0
         for k in range(nv):
-            value += room.rows[a, k] * y[k]
+            value += buffers.rows[a, k] * y[k]
         for k in range(nv):
-            room.v[k] += room.Z[a, k] * value
+            buffers.v[k] += buffers.Z[a, k] * value
 
 
 @inlined
-def _newly_blocked(mover: Any, q: Floats, room: Any) -> int:
+def _newly_blocked(mover: Any, q: Floats, buffers: Any) -> int:
     """Block the joints at a limit beyond which v would push them; how many new ones there are."""
     found = 0
-    for k in range(room.v.shape[0]):
+    for k in range(buffers.v.shape[0]):
         at = mover.values[k]
-        if at >= 0 and mover.stops[k] == 1 and room.blocked[k] == 0:
-            low = q[at] <= mover.lower[k] + _AT_LIMIT and room.v[k] < 0.0
-            high = q[at] >= mover.upper[k] - _AT_LIMIT and room.v[k] > 0.0
+        if at >= 0 and mover.stops[k] == 1 and buffers.blocked[k] == 0:
+            low = q[at] <= mover.lower[k] + _AT_LIMIT and buffers.v[k] < 0.0
+            high = q[at] >= mover.upper[k] - _AT_LIMIT and buffers.v[k] > 0.0
             if low or high:
-                room.blocked[k] = 1
+                buffers.blocked[k] = 1
                 found += 1
     return found
 
@@ -185,48 +185,48 @@ def _count_by_size(mover: Any, subspaces: Floats) -> None:
 
 
 @inlined
-def _from_counted(mover: Any, room: Any) -> None:
+def _from_counted(mover: Any, buffers: Any) -> None:
     """Give a step, and what takes it back onto the constraint, in the group's own tangents."""
-    for k in range(room.v.shape[0]):
-        room.v[k] *= mover.sizes[k]
-        for a in range(room.error.shape[0]):
-            room.Z[a, k] *= mover.sizes[k]
+    for k in range(buffers.v.shape[0]):
+        buffers.v[k] *= mover.sizes[k]
+        for a in range(buffers.error.shape[0]):
+            buffers.Z[a, k] *= mover.sizes[k]
 
 
 @inlined
-def direction(mover: Any, constraint: Any, regularization: float, here: Any, factors: Any, room: Any) -> float:
-    """The projected step into `room`, no joint beyond its longest; its slope g.v, 0 where there is none."""
+def direction(mover: Any, constraint: Any, regularization: float, here: Any, factors: Any, buffers: Any) -> float:
+    """The projected step into `buffers`, no joint beyond its longest; its slope g.v, 0 where there is none."""
     joints = mover.joints
     motion_subspaces(joints, here.world, factors.subspaces)
     _count_by_size(mover, factors.subspaces)
-    _gradient(mover, factors.subspaces, here.wrenches, room.forces, room.gradient)
-    constraint_rows(constraint, mover, here.world, factors.subspaces, room.jacobian, room.rows)
-    room.blocked[:] = 0
-    free = room.v.shape[0]
-    for _ in range(room.v.shape[0]):
-        mean = trace(joints, factors.subspaces, here.inertias, room.scratch) / free
+    _gradient(mover, factors.subspaces, here.wrenches, buffers.forces, buffers.gradient)
+    constraint_rows(constraint, mover, here.world, factors.subspaces, buffers.jacobian, buffers.rows)
+    buffers.blocked[:] = 0
+    free = buffers.v.shape[0]
+    for _ in range(buffers.v.shape[0]):
+        mean = trace(joints, factors.subspaces, here.inertias, buffers.scratch) / free
         if not mean < math.inf:
             return 0.0
         factorize(joints, here.inertias, max(regularization * mean, 1e-12), factors)
-        _project(mover, factors, room)
-        newly = _newly_blocked(mover, here.q, room)
+        _project(mover, factors, buffers)
+        newly = _newly_blocked(mover, here.q, buffers)
         free -= newly
         if newly == 0 or free == 0:
             break
         for r in range(mover.leaders.shape[0]):
-            if room.blocked[mover.leaders[r]] == 1:
+            if buffers.blocked[mover.leaders[r]] == 1:
                 factors.subspaces[r, :] = 0.0
     if free == 0:
         return 0.0
     slope, longest = 0.0, 1.0
-    for k in range(room.v.shape[0]):
-        slope += room.gradient[k] * room.v[k]
-        longest = max(longest, abs(room.v[k]) / mover.largest[k])
+    for k in range(buffers.v.shape[0]):
+        slope += buffers.gradient[k] * buffers.v[k]
+        longest = max(longest, abs(buffers.v[k]) / mover.largest[k])
     if not -slope < math.inf or not longest < math.inf:
         return 0.0
-    for k in range(room.v.shape[0]):
-        room.v[k] /= longest
-    _from_counted(mover, room)
+    for k in range(buffers.v.shape[0]):
+        buffers.v[k] /= longest
+    _from_counted(mover, buffers)
     return slope / longest
 
 
@@ -262,34 +262,34 @@ SHARE, REACHED, TRIAL = range(3)
 
 @inlined
 def _retract(
-    mover: Any, constraint: Any, settings: Any, origin: Floats, q: Floats, alpha: float, room: Any, there: Any
+    mover: Any, constraint: Any, settings: Any, origin: Floats, q: Floats, alpha: float, buffers: Any, there: Any
 ) -> bool:
     """The configuration along v, brought back onto the constraint and into the limits; whether that succeeds."""
     joints = mover.joints
-    for k in range(room.v.shape[0]):
-        room.tangent[k] = alpha * room.v[k]
-    integrate(mover, q, room.tangent, there.q)
+    for k in range(buffers.v.shape[0]):
+        buffers.tangent[k] = alpha * buffers.v[k]
+    integrate(mover, q, buffers.tangent, there.q)
     for correction in range(_CORRECTIONS + 1):
-        if not clamp(mover, there.q, room.tangent):
+        if not clamp(mover, there.q, buffers.tangent):
             return False
         joint_placements(joints, there.q, there.world)
         for i in range(joints.parents.shape[0]):
             for r in range(3):
                 there.world[i, r, 3] -= origin[r]
-        constraint_error(constraint, mover, there.world, origin, room.error)
+        constraint_error(constraint, mover, there.world, origin, buffers.error)
         worst = 0.0
-        for a in range(room.error.shape[0]):
-            worst = max(worst, abs(room.error[a]))
+        for a in range(buffers.error.shape[0]):
+            worst = max(worst, abs(buffers.error[a]))
         if worst <= 0.1 * settings.on_constraint:
             return True
         if correction == _CORRECTIONS:
             return bool(worst <= settings.on_constraint)
-        for k in range(room.v.shape[0]):
+        for k in range(buffers.v.shape[0]):
             value = 0.0
-            for a in range(room.error.shape[0]):
-                value -= room.Z[a, k] * room.error[a]
-            room.tangent[k] = value
-        integrate(mover, there.q, room.tangent, there.q)
+            for a in range(buffers.error.shape[0]):
+                value -= buffers.Z[a, k] * buffers.error[a]
+            buffers.tangent[k] = value
+        integrate(mover, there.q, buffers.tangent, there.q)
     return False
 
 
@@ -342,7 +342,7 @@ def descend(
     mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, constraint: Any, guard: Any, settings: Any,
     q: Floats, longest: float, path_out: Floats, potentials_out: Floats, trial_out: Floats, counts_out: Any,
 ) -> int:  # fmt: skip
-    """Reduce U while the tip keeps a constraint, by at most as many steps as `path_out` has room for.
+    """Reduce U while the tip keeps a constraint, by at most as many steps as `path_out` holds.
 
     From q (nq,) on the constraint, with the share `longest` of the first step tried first; `tables` are in single
     precision. Writes configurations accepted (steps, nq), behind them an undecided trial and its numbers (TRIAL,); U at
@@ -352,8 +352,8 @@ def descend(
     is free, and U says it should be taken), or OUT_OF_STEPS.
     """
     n, nv, m = mover.joints.parents.shape[0], mover.values.shape[0], mover.leaders.shape[0]
-    here, there = state_room(q.shape[0], n), state_room(q.shape[0], n)
-    room, factors = step_room(n, m, nv, constraint.kind), empty_factors(n, m)
+    here, there = allocate_state(q.shape[0], n), allocate_state(q.shape[0], n)
+    buffers, factors = allocate_step(n, m, nv, constraint.kind), empty_factors(n, m)
     zero, z0, z1 = np.zeros(m), np.empty(m), np.empty(m)
     here.q[:] = q
     U = forces(mover.joints, robot, tables, here.q, here.world, here.wrenches, here.inertias)
@@ -361,7 +361,7 @@ def descend(
     potentials_out[0] = U
     alpha, tolerance = longest, settings.tolerance
     while counts_out[STEPS] < path_out.shape[0]:
-        slope = direction(mover, constraint, settings.regularization, here, factors, room)
+        slope = direction(mover, constraint, settings.regularization, here, factors, buffers)
         local_values(mover.joints, here.q, swept.origin, zero, z0)
         if -slope < tolerance * U and tolerance > settings.fine and _is_close(swept, bodies, settings, z0):
             tolerance = settings.fine
@@ -369,7 +369,7 @@ def descend(
             return ENDED
         verdict, reached = _REFUSED, 0.0
         while verdict == _REFUSED and alpha > 0.5**_TRIALS:
-            if _retract(mover, constraint, settings, tables.origin, here.q, alpha, room, there):
+            if _retract(mover, constraint, settings, tables.origin, here.q, alpha, buffers, there):
                 verdict, reached = _take(
                     mover, robot, tables, swept, bodies, guard, settings, z0, z1, U, alpha, slope, there, counts_out
                 )

@@ -1,8 +1,8 @@
 """Free space about the tip: a coarse path through a grid of points, and the free part of a plane about a point.
 
 `planner/guide/auto_planes.py` lays guide planes along the path and makes them of the parts: they guide, they are no
-motion of the robot, and nothing is proven by them. `CAP`, `_HASTE` and `_NEAR` change which planes are found, `_ROOM`
-only time.
+motion of the robot, and nothing is proven by them. `CAP`, `_HASTE` and `_NEAR` change which planes are found,
+`_HEAP_CAPACITY` only time.
 
 The path is a weighted A*'s. It costs its length times 1 + (comfort / clearance)^2, clearance up to what is ample.
 Points touch a ball of their own clearance: two neighbours are joined if their balls cover the way between them, so that
@@ -37,7 +37,7 @@ _HASTE = 1.1
 """But for what `arm` leaves out a path costs at most this many times the cheapest: the estimate is larger by it."""
 
 _CHOSEN = -1.0  # cost of a point that is settled or out of bounds
-_ROOM = 1 << 14  # entries that the heap has room for at first, at least 1
+_HEAP_CAPACITY = 1 << 14  # entries of the heap at first, at least 1
 
 
 _NEAR = 0.0025  # a ray hits what is nearer than this, as a share of the longest; above 0, or it never ends
@@ -138,7 +138,7 @@ def wavefront(
     cost = np.full(nx * ny * nz, np.inf, np.float32)  # negative where it is settled, or never will be
     origin, along = np.full(cost.shape[0], -1, np.int32), np.empty(cost.shape[0], np.float32)
     candidates = np.empty(tables.kinds.shape[0], np.int64)
-    heap, cells = np.empty(_ROOM), np.empty(_ROOM, np.int64)
+    heap, cells = np.empty(_HEAP_CAPACITY), np.empty(_HEAP_CAPACITY, np.int64)
     offsets, steps = _neighbours(spacing)
     least = _HASTE * spacing * (1.0 + (comfort / ample) ** 2)
     first = (start[0] * ny + start[1]) * nz + start[2]

@@ -428,8 +428,8 @@ def velocity_by(twist: Floats, x: float, y: float, z: float) -> Vector3:
 class CarriedPoint(NamedTuple):
     """A point that a joint carries."""
 
-    joints: GroupJoints  # the joints; those that don't lead to the carrier may be left out
-    carrier: int  # the joint, by its row
+    joints: GroupJoints  # the joints; those that don't lead to the parent joint may be left out
+    parent_joint: int  # the joint that carries it, by its row
     point: Row  # in its frame, shape (3,) [m]
 
 
@@ -437,7 +437,7 @@ class CarriedPoint(NamedTuple):
 def place_point(of: CarriedPoint, z: Floats, places: JointPlaces) -> Vector3:
     """Position of a point at local coordinates of the group, shape (nv,) [m]; leaves the joints' placements."""
     place_group(of.joints, z, places)
-    return moved_by(places.poses[of.carrier], of.point[0], of.point[1], of.point[2])
+    return moved_by(places.poses[of.parent_joint], of.point[0], of.point[1], of.point[2])
 
 
 @kernel
@@ -459,7 +459,7 @@ def frame_slopes(of: CarriedPoint, z: Row, slopes_out: RowsOut) -> None:
     px, py, pz = place_point(of, z, places)
     write_twists(joints, places)
     slopes_out[:, :] = 0.0
-    joint = of.carrier
+    joint = of.parent_joint
     while joint > 0:
         for row in range(table.idx_v[joint], table.idx_v[joint] + table.nv[joint]):
             column, by = joints.sources[row], joints.multipliers[row]

@@ -208,9 +208,11 @@ def _weights(mover: Any, world: Floats, weights_out: Floats) -> None:
 
 
 @inlined
-def _step(mover: Any, q: Floats, jacobian: Floats, weights: Floats, missing: Floats, room: Any, v_out: Floats) -> None:
+def _step(
+    mover: Any, q: Floats, jacobian: Floats, weights: Floats, missing: Floats, buffers: Any, v_out: Floats
+) -> None:
     """The least change that moves the tip by what is missing, without joints that it would push beyond a limit."""
-    stopped, gram, multiplier = room
+    stopped, gram, multiplier = buffers
     nv = v_out.shape[0]
     stopped[:] = 0
     for _ in range(nv):
@@ -246,7 +248,7 @@ def reach(mover: Mover, q: Row, point: Row, q_out: RowOut) -> bool:
     joints, n, m, nv = mover.joints, mover.joints.parents.shape[0], mover.leaders.shape[0], mover.values.shape[0]
     world, subspaces, jacobian = np.empty((n, 3, 4)), np.empty((m, 6)), np.empty((6, nv))
     weights, v, missing = np.zeros(nv), np.empty(nv), np.empty(3)
-    room = (np.zeros(nv, np.int64), np.empty((3, 3)), np.empty(3))
+    buffers = (np.zeros(nv, np.int64), np.empty((3, 3)), np.empty(3))
     q_out[:] = q
     for count in range(_STEPS):
         joint_placements(joints, q_out, world)
@@ -258,7 +260,7 @@ def reach(mover: Mover, q: Row, point: Row, q_out: RowOut) -> bool:
             _weights(mover, world, weights)
         motion_subspaces(joints, world, subspaces)
         tip_jacobian(mover, subspaces, tip, jacobian)
-        _step(mover, q_out, jacobian, weights, missing, room, v)
+        _step(mover, q_out, jacobian, weights, missing, buffers, v)
         largest = 0.0
         for k in range(nv):
             largest = max(largest, abs(v[k]) / mover.sizes[k])

@@ -314,8 +314,8 @@ class BorderedFactor(NamedTuple):
     pivots: RowOut
 
 
-def room_for_factor(n: int, size: int, more: int) -> BorderedFactor:
-    """Memory for n blocks of a size, and one or two more rows."""
+def allocate_factor(n: int, size: int, more: int) -> BorderedFactor:
+    """Allocate a factor for n blocks of a size, and one or two more rows."""
     per_block = -(-size // TILE)
     count, padded = (COUPLED + 1) * per_block, per_block * TILE
     return BorderedFactor(

@@ -41,14 +41,20 @@ from guidefield.kernels.kinematics.forward_kinematics import (
 )
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.timing.carried_rates import CarriedBody, CoordinateBounds, empty_bounds
-from guidefield.kernels.timing.torques import MassTree, TorqueRoom, place_tree, torque_room, write_torques
+from guidefield.kernels.timing.torques import (
+    MassTree,
+    TorqueBuffers,
+    allocate_torque_buffers,
+    place_tree,
+    write_torques,
+)
 
-MASS, MOMENT, INERTIA, MOMENTUM, TURNING = 0, 1, 4, 10, 13  # columns of `DerivativeRoom.carried`
+MASS, MOMENT, INERTIA, MOMENTUM, TURNING = 0, 1, 4, 10, 13  # columns of `DerivativeBuffers.carried`
 CARRIED = 22  # their number
 
 
-class DerivativeRoom(NamedTuple):
-    """Scratch: of joints what they carry; of coordinates ψ and A, and their wrenches and those of S."""
+class DerivativeBuffers(NamedTuple):
+    """Buffers: of joints what they carry; of coordinates ψ and A, and their wrenches and those of S."""
 
     carried: RowsOut  # shape (n, CARRIED): mass, its first and second moments, momentum, and the matrix of D
     changes: RowsOut  # ψ, A, shape (m, 12)
@@ -58,10 +64,10 @@ class DerivativeRoom(NamedTuple):
 
 
 @counted
-def derivative_room(n: int, m: int, nv: int) -> DerivativeRoom:
-    """Return scratch for n joints, m coordinates of the model, nv of the group."""
+def allocate_derivative_buffers(n: int, m: int, nv: int) -> DerivativeBuffers:
+    """Allocate the buffers for n joints, m coordinates of the model, nv of the group."""
     scratch = np.empty((n, CARRIED)), np.empty((m, 12)), np.empty((m, 21)), np.empty((2, 6))
-    return DerivativeRoom(scratch[0], scratch[1], scratch[2], scratch[3], np.empty((3, nv, nv)))
+    return DerivativeBuffers(scratch[0], scratch[1], scratch[2], scratch[3], np.empty((3, nv, nv)))
 
 
 @uncounted
@@ -170,18 +176,24 @@ def _times(twist: Floats, of: Floats, out: Floats) -> None:
 
 @uncounted
 def _write_coordinate(
-    row: int, carried: Floats, places: JointPlaces, twist: Floats, change: Floats, force: Floats, room: DerivativeRoom
+    row: int,
+    carried: Floats,
+    places: JointPlaces,
+    twist: Floats,
+    change: Floats,
+    force: Floats,
+    buffers: DerivativeBuffers,
 ) -> None:
     """Write ψ, A and the wrenches of a coordinate, by twist and change before it, and the wrench that it carries."""
-    s, psi, of_a = places.twists[row], room.changes[row, :6], room.changes[row, 6:]
+    s, psi, of_a = places.twists[row], buffers.changes[row, :6], buffers.changes[row, 6:]
     _times(twist, s, psi)
     _times(twist, psi, of_a)
-    extra = room.wrenches[row, :6]
+    extra = buffers.wrenches[row, :6]
     _times(change, s, extra)
     for k in range(6):
         of_a[k] += extra[k]
-    inertial, turned = room.wrenches[row, :6], room.wrenches[row, 6:9]
-    by_point, by_rate = room.wrenches[row, 9:15], room.wrenches[row, 15:21]
+    inertial, turned = buffers.wrenches[row, :6], buffers.wrenches[row, 6:9]
+    by_point, by_rate = buffers.wrenches[row, 9:15], buffers.wrenches[row, 15:21]
     inertial[:] = 0.0
     _add_inertial(carried, s, 1.0, inertial)
     _write_turned(carried, s, turned)
@@ -208,19 +220,19 @@ def _dot(a: Floats, b: Floats) -> float:
 
 @uncounted
 def write_torque_derivatives(
-    tree: MassTree, state: CoordinateBounds, places: JointPlaces, room: TorqueRoom, made: DerivativeRoom
+    tree: MassTree, state: CoordinateBounds, places: JointPlaces, buffers: TorqueBuffers, made: DerivativeBuffers
 ) -> None:
     """Write the derivatives of torques where `torques.write_torques` wrote them."""
     joints, table, by = tree.joints, tree.joints.table, made.by
-    _write_carried(tree, places, room.twists, made.carried)
+    _write_carried(tree, places, buffers.twists, made.carried)
     by[:, :, :] = 0.0
     twist, change = made.before[0], made.before[1]
     for i in range(1, table.parents.shape[0]):
         for k in range(6):
-            twist[k], change[k] = room.twists[table.parents[i], k], room.changes[table.parents[i], k]
+            twist[k], change[k] = buffers.twists[table.parents[i], k], buffers.changes[table.parents[i], k]
         for own in range(table.nv[i]):
             row = table.idx_v[i] + own
-            _write_coordinate(row, made.carried[i], places, twist, change, room.wrenches[i], made)
+            _write_coordinate(row, made.carried[i], places, twist, change, buffers.wrenches[i], made)
             if own + 1 < table.nv[i]:
                 source, multiplier = joints.sources[row], joints.multipliers[row]
                 for k in range(6):
@@ -280,15 +292,15 @@ def largest_torque_loads(
     """
     nv, m, pieces = points.shape[1], tree.joints.sources.shape[0], points.shape[0] - 3
     n, chain = tree.joints.table.parents.shape[0], tree.chains.shape[1]
-    places, state, room = joint_places(tree.joints), empty_bounds(nv, m), torque_room(n, nv, chain)
+    places, state, buffers = joint_places(tree.joints), empty_bounds(nv, m), allocate_torque_buffers(n, nv, chain)
     total = 0.0
     for at in range(pieces * bases.shape[0]):
         write_sample(points, at // bases.shape[0], step, bases[at % bases.shape[0]], state)
         place_tree(tree, state, places)
-        write_torques(tree, state, places, room, room.torques)
+        write_torques(tree, state, places, buffers, buffers.torques)
         loads_out[at] = 0.0
         for j in range(nv):
-            load = abs(room.torques[j]) / limits[j]
+            load = abs(buffers.torques[j]) / limits[j]
             loads_out[at] = max(loads_out[at], load)
             total += max(load - share, 0.0) ** 2
     return total
@@ -314,21 +326,21 @@ def expand_torque_loads(
         tree, limits, points, step, bases: As of `largest_torque_loads`.
         loads: The largest at each sample.
         near: The share.
-        pieces_out, samples_out, values_out, slopes_out: As in `LoadModel`, with room for all loads.
+        pieces_out, samples_out, values_out, slopes_out: As in `LoadModel`, long enough for all loads.
     """
     nv, m, count = points.shape[1], tree.joints.sources.shape[0], 0
     n, chain = tree.joints.table.parents.shape[0], tree.chains.shape[1]
-    places, state, room = joint_places(tree.joints), empty_bounds(nv, m), torque_room(n, nv, chain)
-    made = derivative_room(n, m, nv)
+    places, state, buffers = joint_places(tree.joints), empty_bounds(nv, m), allocate_torque_buffers(n, nv, chain)
+    made = allocate_derivative_buffers(n, m, nv)
     for at in range(loads.shape[0]):
         if loads[at] <= near:
             continue
         write_sample(points, at // bases.shape[0], step, bases[at % bases.shape[0]], state)
         place_tree(tree, state, places)
-        write_torques(tree, state, places, room, room.torques)
-        write_torque_derivatives(tree, state, places, room, made)
+        write_torques(tree, state, places, buffers, buffers.torques)
+        write_torque_derivatives(tree, state, places, buffers, made)
         for j in range(nv):
-            load = room.torques[j] / limits[j]
+            load = buffers.torques[j] / limits[j]
             if abs(load) <= near:
                 continue
             pieces_out[count], samples_out[count] = at // bases.shape[0], at % bases.shape[0]

@@ -17,9 +17,9 @@ from guidefield.kernels.linalg.bordered_band import (
     COUPLED,
     TILE,
     BorderedFactor,
+    allocate_factor,
     factorize_bordered,
     inner_product,
-    room_for_factor,
     solve_factorized,
 )
 from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel
@@ -85,21 +85,21 @@ class DescentRules(NamedTuple):
 RULES = numba_type(DescentRules)
 
 
-class DescentRoom(NamedTuple):
-    """Memory of a descent, overwritten by each step: new one would cost as much as a third of a step."""
+class DescentBuffers(NamedTuple):
+    """Buffers of a descent, overwritten by each step: new ones would cost as much as a third of a step."""
 
     blocks: BlocksOut  # of the Hessian by all n control points, shape (n, nv, 4 nv)
     groups: IndicesOut  # of coordinates that are coupled
     factor: BorderedFactor  # of the factors of the free ones'
 
 
-def room_for_descent(n: int, nv: int, times: TimeLimits) -> DescentRoom:
-    """Memory for motions of n control points of nv coordinates, and for these times."""
-    factor = room_for_factor(n - 2 * ENDS, nv, 1 + times.departs)
-    return DescentRoom(np.empty((n, nv, (COUPLED + 1) * nv)), np.empty_like(factor.groups), factor)
+def allocate_descent_buffers(n: int, nv: int, times: TimeLimits) -> DescentBuffers:
+    """Allocate the buffers for motions of n control points of nv coordinates, and for these times."""
+    factor = allocate_factor(n - 2 * ENDS, nv, 1 + times.departs)
+    return DescentBuffers(np.empty((n, nv, (COUPLED + 1) * nv)), np.empty_like(factor.groups), factor)
 
 
-ROOM = numba_type(DescentRoom)
+BUFFERS = numba_type(DescentBuffers)
 
 
 @uncounted
@@ -164,7 +164,7 @@ def _times(
         SCALAR,
         SCALAR,
         MATRIX_OUT,
-        ROOM,
+        BUFFERS,
     )
 )
 def newton_descent(
@@ -181,7 +181,7 @@ def newton_descent(
     step: float,
     begin: float,
     points_out: Floats,
-    room: DescentRoom,
+    buffers: DescentBuffers,
 ) -> tuple[float, float, int, float]:
     """Lower the objective of `motion_objective` by Newton's method; every motion on the way is within limits.
 
@@ -202,21 +202,21 @@ def newton_descent(
         step: Length of pieces [s].
         begin: Departure [s].
         points_out: Control points, shape (n, nv), strictly within limits; moved [rad or m].
-        room: Memory.
+        buffers: As `allocate_descent_buffers` makes them.
 
     Returns:
         Length of pieces [s]; departure [s]; how many steps were taken; by how much they lowered the objective.
     """
     n, nv = points_out.shape
     free, more = nv * (n - 2 * ENDS), 1 + times.departs
-    blocks, factor = room.blocks, room.factor
+    blocks, factor = buffers.blocks, buffers.factor
     inner, border = blocks[ENDS : n - ENDS], np.empty((more, free))
     corner, gradient = np.empty((more, more)), np.empty(free + more)
     move, back = np.empty(free + more), np.empty(free + more)
     trial, corrected, scratch = np.empty((n, nv)), np.empty((n, nv)), np.empty(4 * nv)
     constrained = kept.frames.kinds.shape[0] > 0
-    coupled_groups(model, constrained or loads.rows > 0, room.groups)
-    groups, taken, gained = room.groups, 0, 0.0
+    coupled_groups(model, constrained or loads.rows > 0, buffers.groups)
+    groups, taken, gained = buffers.groups, 0, 0.0
     for _ in range(rules.steps):
         value = motion_objective(
             model, loads, ends, limits, times, kept, groups, points_out, step, begin, first_step, limit_weight, blocks,

@@ -49,7 +49,7 @@ from guidefield.kernels.jit.arrays import (
 from guidefield.kernels.jit.decorators import compiled, inlined, kernel, uncounted
 from guidefield.kernels.kinematics.tip_chain import LANES
 from guidefield.kernels.optimize.clearance_model import add_gradient, add_hessian
-from guidefield.kernels.tree.path_constraints import KeptFrames, Measured, number, place, room_to_measure, write_row
+from guidefield.kernels.tree.path_constraints import KeptFrames, Measured, allocate_measured, number, place, write_row
 
 
 class LoadModel(NamedTuple):
@@ -263,7 +263,7 @@ def constraint_penalty(kept: KeptSamples, points: Floats) -> float:
     total = 0.0
     if kept.groups.shape[0] == 0:
         return total
-    measured = room_to_measure(kept.frames)
+    measured = allocate_measured(kept.frames)
     for s in range(0, kept.pieces.shape[0], LANES):
         for lane in range(_place_from(kept, s, points, measured)):
             total += _cheapest(kept, s + lane, measured, lane)[0]
@@ -287,7 +287,7 @@ def add_constraint_penalty(kept: KeptSamples, points: Floats, gradient_out: Floa
     nv, total = points.shape[1], 0.0
     if kept.groups.shape[0] == 0:
         return total
-    measured = room_to_measure(kept.frames)
+    measured = allocate_measured(kept.frames)
     row, slope, hessian, scratch = np.empty(nv), np.empty(nv), np.empty((nv, nv)), np.empty(4 * nv)
     weight: float = kept.weight / kept.pieces.shape[0]
     for s in range(0, kept.pieces.shape[0], LANES):

@@ -277,7 +277,7 @@ def bound_pair(
             bounds.known[both, k] = bounds.known[first, k]
         _bound_mover(moving.movers, mover, place, bounds, bounds.known[both])
         return int(both)
-    row = robot.carriers.shape[0] + pair
+    row = robot.parent_joints.shape[0] + pair
     if bounds.asked[row] != segment:
         bound, a, b = bounds.known[row], pairs.own[pair, 0], pairs.own[pair, 1]
         for k in range(BOUNDS):

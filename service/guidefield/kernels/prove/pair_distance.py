@@ -154,9 +154,9 @@ def _begin_query(moving: MovingRobot, pair: int, place: BodyPoses, query: Distan
     scratch: Floats = pointers(query.work)
     write_axis(scratch, last[LAST_AXIS], last[LAST_AXIS + 1], last[LAST_AXIS + 2])
     scratch[LEAF_A], scratch[LEAF_B] = last[LAST_A], last[LAST_B]
-    _write_pose(robot, robot.carriers[first_body(pairs, moving.obstacles, pair)], place, query.poses[FIRST])
+    _write_pose(robot, robot.parent_joints[first_body(pairs, moving.obstacles, pair)], place, query.poses[FIRST])
     if pair < pairs.own.shape[0]:
-        _write_pose(robot, robot.carriers[pairs.own[pair, 1]], place, query.poses[SECOND])
+        _write_pose(robot, robot.parent_joints[pairs.own[pair, 1]], place, query.poses[SECOND])
         return scratch
     mover = moving.obstacles.movers[obstacle_of(pairs, moving.obstacles, pair)]
     source = query.poses[RESTING]

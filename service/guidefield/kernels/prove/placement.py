@@ -314,8 +314,8 @@ def seen_by_mover(pose: Floats, x: float, y: float, z: float) -> Vector3:
 @uncounted
 def place_centres(robot: RobotBodies, place: BodyPoses) -> None:
     """Write the centres of the balls about the robot's bodies, whose joints are placed."""
-    for b in range(robot.carriers.shape[0]):
-        pose = place.poses[robot.carriers[b]]
+    for b in range(robot.parent_joints.shape[0]):
+        pose = place.poses[robot.parent_joints[b]]
         x, y, z = moved_by(pose, robot.centres[b, 0], robot.centres[b, 1], robot.centres[b, 2])
         place.centres[b, 0], place.centres[b, 1], place.centres[b, 2] = x, y, z
 

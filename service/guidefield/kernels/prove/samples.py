@@ -94,7 +94,7 @@ def _body_poses(moving: MovingRobot) -> BodyPoses:
     n = robot.offset.shape[0]
     return BodyPoses(
         np.empty((robot.joints.parents.shape[0], 3, 4)),
-        np.empty((robot.carriers.shape[0], 3)),
+        np.empty((robot.parent_joints.shape[0], 3)),
         np.empty((n, TWIST)),
         np.empty((n, TWIST)),
         np.zeros(MOMENT),
@@ -120,7 +120,7 @@ def _scratch(robot: RobotBodies) -> PoseScratch:
 
 @counted
 def _motion_bounds(robot: RobotBodies, pairs: BodyPairs) -> MotionBounds:
-    n, nv, rows = robot.offset.shape[0], robot.expand.shape[1], robot.carriers.shape[0] + pairs.own.shape[0] + 1
+    n, nv, rows = robot.offset.shape[0], robot.expand.shape[1], robot.parent_joints.shape[0] + pairs.own.shape[0] + 1
     return MotionBounds(
         np.empty((2, MOST_ORDER, nv)),
         np.empty(nv),

@@ -30,7 +30,7 @@ class RobotBodies(NamedTuple):
     centred: Rows  # the same for turns about a centre, halved, shape (n, n)
     turns: Row  # 1 for a coordinate that turns, 0 for one that slides, shape (n,)
     doubled: Row  # 2 for the first coordinate of a ball joint's rotation, else as `turns`, shape (n,)
-    carriers: Indices  # joint of each body, shape (r,); 0 is the world
+    parent_joints: Indices  # joint of each body, shape (r,); 0 is the world
     centres: Rows  # centre of its bounding sphere in the frame of that joint, shape (r, 3) [m]
     radii: Row  # radius of the sphere, shape (r,) [m]
     moved_by: IndexRows  # the coordinates that move a body, ascending, and -1 behind them, shape (r, n)

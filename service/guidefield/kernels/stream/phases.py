@@ -162,7 +162,7 @@ def bound_travel(moving: MovingRobot, exact: BezierCurve, since: float, until: f
     The robot is off its motion by its tolerances, at first and later; `exact` is the motion without these. It is added
     up in `parts` parts.
     """
-    search, bodies, most = new_search(moving, np.zeros(LOG_ROWS)), moving.robot.carriers.shape[0], 0.0
+    search, bodies, most = new_search(moving, np.zeros(LOG_ROWS)), moving.robot.parent_joints.shape[0], 0.0
     as_planned = MovingRobot(moving.robot, moving.obstacles, moving.movers, moving.pairs, exact)
     ways, within, off = np.zeros(bodies), np.zeros(bodies), np.zeros(bodies)
     for part in range(2 * parts):

@@ -45,7 +45,7 @@ HALVINGS = 200_000  # of intervals of a motion, at most: what is found may be ro
 class CarriedBody(NamedTuple):
     """Points, or balls, that a joint carries, of which the fastest counts."""
 
-    joints: GroupJoints  # those that lead to the carrier, which is the last; none is a ball or a floating joint
+    joints: GroupJoints  # those that lead to the parent joint, which is the last; none is a ball or a floating joint
     points: Rows  # in its frame, shape (n, 3) [m]
     radii: Row  # of balls about them, shape (n,) [m]
     centre: Row  # of a ball that holds all of them, shape (3,) [m]
@@ -176,7 +176,7 @@ def _rates_of(
             row = table.idx_v[i] + k
             vx, vy, vz = velocity_by(places.twists[row], cx, cy, cz)
             radii_out[row] = _norm(vx, vy, vz) + body.radius if turns_by(table, i, k) else 1.0
-    # at the carrier's origin, in the world's axes
+    # at the parent joint's origin, in the world's axes
     ox, oy, oz = pose[0, 3], pose[1, 3], pose[2, 3]
     vx, vy, vz = velocity_by(twist, ox, oy, oz)
     ax, ay, az = velocity_by(change, ox, oy, oz)

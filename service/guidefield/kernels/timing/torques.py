@@ -70,8 +70,8 @@ class MassTree(NamedTuple):
     gravity: Row  # acceleration of free fall, shape (3,) [m/s²]
 
 
-class TorqueRoom(NamedTuple):
-    """Scratch of inverse dynamics and its bounds; n joints, at the world's origin."""
+class TorqueBuffers(NamedTuple):
+    """Buffers of inverse dynamics and its bounds; n joints, at the world's origin."""
 
     twists: RowsOut  # of joints, shape (n, 6)
     changes: RowsOut  # their derivatives by time, less gravity, shape (n, 6)
@@ -83,9 +83,9 @@ class TorqueRoom(NamedTuple):
 
 
 @counted
-def torque_room(n: int, nv: int, chain: int) -> TorqueRoom:
-    """Return scratch for n joints, nv coordinates of the group, and chains of a length."""
-    return TorqueRoom(
+def allocate_torque_buffers(n: int, nv: int, chain: int) -> TorqueBuffers:
+    """Allocate the buffers for n joints, nv coordinates of the group, and chains of a length."""
+    return TorqueBuffers(
         np.empty((n, 6)),
         np.empty((n, 6)),
         np.empty((n, 6)),
@@ -105,17 +105,17 @@ def place_tree(tree: MassTree, state: CoordinateBounds, places: JointPlaces) -> 
 
 @uncounted
 def write_torques(
-    tree: MassTree, state: CoordinateBounds, places: JointPlaces, room: TorqueRoom, torques_out: Floats
+    tree: MassTree, state: CoordinateBounds, places: JointPlaces, buffers: TorqueBuffers, torques_out: Floats
 ) -> None:
     """Write the torques of the group's coordinates (nv,) where the joints are placed, at the state's rates."""
     joints, table = tree.joints, tree.joints.table
     n = table.parents.shape[0]
     for k in range(6):
-        room.twists[0, k], room.changes[0, k] = 0.0, -tree.gravity[k] if k < 3 else 0.0
+        buffers.twists[0, k], buffers.changes[0, k] = 0.0, -tree.gravity[k] if k < 3 else 0.0
     for i in range(1, n):
-        twist, change, wrench, pose = room.twists[i], room.changes[i], room.wrenches[i], places.poses[i]
+        twist, change, wrench, pose = buffers.twists[i], buffers.changes[i], buffers.wrenches[i], places.poses[i]
         for k in range(6):
-            twist[k], change[k] = room.twists[table.parents[i], k], room.changes[table.parents[i], k]
+            twist[k], change[k] = buffers.twists[table.parents[i], k], buffers.changes[table.parents[i], k]
         add_twists(joints, i, state, places, twist, change)
         mass, centre = tree.masses[i], tree.centres[i]
         cx, cy, cz = moved_by(pose, centre[0], centre[1], centre[2])
@@ -137,12 +137,12 @@ def write_torques(
         for row in range(table.idx_v[i], table.idx_v[i] + table.nv[i]):
             torque = 0.0
             for k in range(6):
-                torque += places.twists[row, k] * room.wrenches[i, k]
+                torque += places.twists[row, k] * buffers.wrenches[i, k]
             torques_out[joints.sources[row]] += joints.multipliers[row] * torque
         parent = table.parents[i]
         if parent > 0:
             for k in range(6):
-                room.wrenches[parent, k] += room.wrenches[i, k]
+                buffers.wrenches[parent, k] += buffers.wrenches[i, k]
 
 
 @uncounted
@@ -182,14 +182,14 @@ def _times(M: Floats, x: float, y: float, z: float) -> tuple[float, float, float
 
 
 @uncounted
-def _write_bounds(tree: MassTree, span: float, state: CoordinateBounds, radii: Floats, room: TorqueRoom) -> None:
+def _write_bounds(tree: MassTree, span: float, state: CoordinateBounds, radii: Floats, buffers: TorqueBuffers) -> None:
     """Write bounds of the second derivatives of the group's torques for a time from where `radii` were found."""
     joints, weight = tree.joints, 0.0
     for k in range(3):
         weight += tree.gravity[k] ** 2
     weight = math.sqrt(weight)
-    room.bounds[:] = 0.0
-    reaches, sums = room.reaches, room.sums
+    buffers.bounds[:] = 0.0
+    reaches, sums = buffers.reaches, buffers.sums
     for i in range(1, tree.masses.shape[0]):
         mass = tree.masses[i]
         count = 0
@@ -227,7 +227,7 @@ def _write_bounds(tree: MassTree, span: float, state: CoordinateBounds, radii: F
             first = reach * sums[c, 2] + later1
             other = reach * sums[c, 3] + later2
             bound = mass * (other * second + 2.0 * first * third + reach * fourth)
-            room.bounds[joints.sources[row]] += abs(joints.multipliers[row]) * bound
+            buffers.bounds[joints.sources[row]] += abs(joints.multipliers[row]) * bound
             later1, later2 = later1 + sums[c, 0], later2 + sums[c, 1]
 
 
@@ -237,12 +237,12 @@ def torques_at(tree: MassTree, zs: Rows, rates: Rows, rises: Rows, torques_out: 
     joints, nv = tree.joints, zs.shape[1]
     n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
     places, state = joint_places(joints), empty_bounds(nv, m)
-    room = torque_room(n, nv, chain)
+    buffers = allocate_torque_buffers(n, nv, chain)
     for g in range(zs.shape[0]):
         state.z[:], state.dz[:], state.ddz[:] = zs[g], rates[g], rises[g]
         place_tree(tree, state, places)
-        write_torques(tree, state, places, room, room.torques)
-        torques_out[g] = room.torques
+        write_torques(tree, state, places, buffers, buffers.torques)
+        torques_out[g] = buffers.torques
 
 
 @uncounted
@@ -285,12 +285,12 @@ def _place_and_write(
     t: float,
     state: CoordinateBounds,
     places: JointPlaces,
-    room: TorqueRoom,
+    buffers: TorqueBuffers,
     torques_out: Floats,
 ) -> None:
     write_state(motion, piece, t, state)
     place_tree(tree, state, places)
-    write_torques(tree, state, places, room, torques_out)
+    write_torques(tree, state, places, buffers, torques_out)
 
 
 @uncounted
@@ -317,7 +317,7 @@ def largest_torques(
     n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
     places, state, radii = joint_places(joints), empty_bounds(nv, m), np.empty((n, chain))
     now, then, reached = np.empty(nv), np.empty(nv), np.empty(nv)
-    room, pieces, work, halved = torque_room(n, nv, chain), times.shape[0] - 1, 0.0, 0
+    buffers, pieces, work, halved = allocate_torque_buffers(n, nv, chain), times.shape[0] - 1, 0.0, 0
     bends, most = np.empty((pieces, nv)), np.empty((2 * pieces, nv))  # of second derivatives; of torques, by halves
     found_out[:, :] = 0.0
     for piece in range(pieces):
@@ -325,15 +325,15 @@ def largest_torques(
         for half in range(3):
             t = 0.5 * half * length
             if half > 0 or piece == 0 or not _is_continued(motion, piece, state):
-                _place_and_write(tree, motion, piece, t, state, places, room, then)
+                _place_and_write(tree, motion, piece, t, state, places, buffers, then)
                 _note(then, times[piece] + t, found_out)
             for j in range(nv):
                 work += length / 6.0 * (4.0 if half == 1 else 1.0) * abs(then[j] * state.dz[j])
             if half == 1:
                 write_radii(tree, places, radii)
                 bound_rates(joints, motion, piece, 0.0, length, state)
-                _write_bounds(tree, 0.5 * length, state, radii, room)
-                bends[piece] = room.bounds
+                _write_bounds(tree, 0.5 * length, state, radii, buffers)
+                bends[piece] = buffers.bounds
             if half > 0:
                 _write_most(now, then, 0.5 * length, bends[piece], most[2 * piece + half - 1])
             now[:] = then
@@ -347,18 +347,18 @@ def largest_torques(
         length = times[piece + 1] - times[piece]
         since, end, step = 0.5 * (half % 2) * length, 0.5 * (half % 2 + 1) * length, 0.25 * length
         halved += 1
-        _place_and_write(tree, motion, piece, since, state, places, room, now)
+        _place_and_write(tree, motion, piece, since, state, places, buffers, now)
         while since < end:
             step = min(step, end - since)
             until = end if since + step >= end else since + step
-            _place_and_write(tree, motion, piece, until, state, places, room, then)
+            _place_and_write(tree, motion, piece, until, state, places, buffers, then)
             _note(then, times[piece] + until, found_out)
-            room.bounds[:] = bends[piece]
+            buffers.bounds[:] = bends[piece]
             if step < CLOSER * length:  # there are better ones
                 write_radii(tree, places, radii)
                 bound_rates(joints, motion, piece, since, until, state)
-                _write_bounds(tree, step, state, radii, room)
-            _write_most(now, then, step, room.bounds, reached)
+                _write_bounds(tree, step, state, radii, buffers)
+            _write_most(now, then, step, buffers.bounds, reached)
             if (
                 step > SHORTEST * length
                 and halved < HALVINGS

@@ -50,7 +50,7 @@ FRAMES = numba_type(KeptFrames)
 
 
 class Measured(NamedTuple):
-    """Memory in which constraints are measured."""
+    """Buffers in which constraints are measured."""
 
     zs: Floats  # (nv * LANES,) local coordinates of a SIMD batch
     columns: Floats  # what `tip_pose` writes, for the parts of all chains
@@ -58,8 +58,8 @@ class Measured(NamedTuple):
 
 
 @inlined
-def room_to_measure(frames: KeptFrames) -> Measured:
-    """Return memory for these constraints."""
+def allocate_measured(frames: KeptFrames) -> Measured:
+    """Allocate the buffers for these constraints."""
     nv, k = frames.chain.lower.shape[0], frames.kinds.shape[0]
     columns = np.empty(COLUMN * max(frames.chain.kinds.shape[0], 1))
     return Measured(np.empty(nv * LANES), columns, np.empty((k, 12 * LANES)))
@@ -213,7 +213,7 @@ def write_row(frames: KeptFrames, c: int, measured: Measured, lane: int, row_out
 @kernel
 def largest_share(frames: KeptFrames, z: Row) -> float:
     """The largest share of its limit that a constraint's number is, at local coordinates (nv,)."""
-    measured, largest = room_to_measure(frames), 0.0
+    measured, largest = allocate_measured(frames), 0.0
     place_one(frames, z, measured)
     for c in range(frames.kinds.shape[0]):
         largest = max(largest, number(frames, c, measured, 0) / frames.limits[c])
@@ -227,7 +227,7 @@ def bring_back(frames: KeptFrames, room: float, most: int, z: RowOut) -> bool:
     `room` is the share of each limit that is aimed at; at most `most` steps, each within limits. Tells whether it got
     there.
     """
-    measured, k, nv = room_to_measure(frames), frames.kinds.shape[0], z.shape[0]
+    measured, k, nv = allocate_measured(frames), frames.kinds.shape[0], z.shape[0]
     gram, excess, weights = np.empty((k, k)), np.empty(k), np.empty(k)
     rows = np.empty((k, nv))
     for _ in range(most):

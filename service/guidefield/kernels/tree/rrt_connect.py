@@ -15,7 +15,7 @@ import numpy as np
 from numba import boolean, int64, types
 
 from guidefield.kernels.collide.batch_collision import forget, motion_free
-from guidefield.kernels.collide.broadphase import boxes_near, carrier_centre, near_obstacle, place_carriers
+from guidefield.kernels.collide.broadphase import boxes_near, link_centre, near_obstacle, place_links
 from guidefield.kernels.collide.layout import BALL, BAND, BODY, HIT, OBSTACLE, WORLD, BatchWorld, world_of
 from guidefield.kernels.collide.parts import ball_centre, ball_radius
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, INTEGER_POINTER, AnyRows, Floats32, Indices, Integers
@@ -113,10 +113,10 @@ def certain_hits(world: BatchWorld, clearance: float, coordinates: Floats32, hit
     mask = _hit_again(world, clearance, hits)
     if _are_few(ALL_LANES & ~mask):
         return mask
-    place_carriers(bodies, scratch)
+    place_links(bodies, scratch)
     poses, centres, members, n = scratch.poses, scratch.centres, bodies.members, obstacles.size
     for c in range(bodies.moving):
-        x, y, z = carrier_centre(centres, c)
+        x, y, z = link_centre(centres, c)
         reach, several = ball_radius(bodies.around, c) + clearance, members[c + 1] - members[c] > 1
         for block in range((n + LANES - 1) // LANES):
             candidates = boxes_near(obstacles.boxes, block, x, y, z, reach)
@@ -355,7 +355,7 @@ def grow(
     motions: int,
     begins: bool,
 ) -> int:
-    """Grow two trees towards each other: MET (the path is written), FULL (give it more room) or GOING_ON.
+    """Grow two trees towards each other: MET (the path is written), FULL (it needs more capacity) or GOING_ON.
 
     `world`, `sampling` and `search` are packed; the places of the search say where the sequence of samples begins.
     `starts` (k, nv) and `goals` (m, nv) are roots, coordinates in units of the sampling; `clearance` is kept from

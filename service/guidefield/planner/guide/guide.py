@@ -234,7 +234,7 @@ class Univariate:
         )
         path, counts = np.empty((MOST_SEARCH_STEPS, len(guided.q))), np.zeros(COUNTS, np.int64)
         taken = sweep(
-            chain.table, chain.joints, chain.carriers, int(chain.leads), problem.robot_field.charged,
+            chain.table, chain.joints, chain.parent_joints, int(chain.leads), problem.robot_field.charged,
             problem.robot_field.tables, swept.robot, swept.tables, guard, searching, mover.values, mover.lower,
             mover.upper, normal, guided.q, path, counts,
         )  # fmt: skip

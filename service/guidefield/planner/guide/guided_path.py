@@ -93,20 +93,20 @@ def swept_world(world: World) -> SweptWorld:
     group = world.group
     charges = robot_charges(group.robot)
     shapes = list(group.geometry.geometryObjects)
-    capsules, carriers = [], []
+    capsules, parent_joints = [], []
     for charged, shape in zip(charges.shapes, shapes, strict=True):
         ends = [shape.placement.act(end) for end in (charged.capsule.p0, charged.capsule.p1)]
         capsules.append(np.r_[ends[0], ends[1], charged.capsule.radius])
-        carriers.append(shape.parentJoint)
+        parent_joints.append(shape.parentJoint)
     robot = SweptRobot(
         joints=joints_of(group),
         origin=group.expand(group.q_origin),
         capsules=np.array(capsules, float).reshape(-1, 7),
-        carriers=np.array(carriers, np.int64),
+        parent_joints=np.array(parent_joints, np.int64),
         own=world.pairs.own,
         apart=_apart(group, world.pairs.own.tobytes()),
     )
-    read_only(robot.capsules, robot.carriers, robot.own, robot.apart, robot.origin)
+    read_only(robot.capsules, robot.parent_joints, robot.own, robot.apart, robot.origin)
     exact = not len(world.pairs.left_out) and all(isinstance(shape.geometry, coal.Capsule) for shape in shapes)
     return SweptWorld(group, robot, distance_tables(world.scene), exact)
 

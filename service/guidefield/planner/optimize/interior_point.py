@@ -29,7 +29,12 @@ from guidefield.kernels.optimize.load_expansions import (
     largest_torque_loads,
 )
 from guidefield.kernels.optimize.motion_objective import MotionEnds
-from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
+from guidefield.kernels.optimize.newton_descent import (
+    DescentBuffers,
+    DescentRules,
+    allocate_descent_buffers,
+    newton_descent,
+)
 from guidefield.kernels.optimize.obstacle_barrier import NearBodies, nothing_remembered
 from guidefield.kernels.optimize.penalties import KeptSamples, LoadModel, constraint_penalty, load_penalty
 from guidefield.memo import memoized_by_value
@@ -275,7 +280,7 @@ class PenalizedObjective(ReadOnly):
     constrained: KeptSamples
     ends: MotionEnds
     unit: float  # length of the first motion's pieces, if it had as many [s]
-    room: DescentRoom
+    buffers: DescentBuffers
     nothing_loaded: LoadModel
     # memory for the derivatives of two evaluations, by turns: new one would cost as much as a third of an evaluation
     memory: tuple[_Memory, _Memory]
@@ -303,11 +308,11 @@ class PenalizedObjective(ReadOnly):
         read_only(*ends)
         constrained = constraint_samples(question.sections, spline.pieces, (), samples)
         n, nv = spline.points.shape
-        room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
+        buffers, unit = allocate_descent_buffers(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
         memory = _Memory.of(places, n, nv), _Memory.of(places, n, nv)
         loads = LoadSamples.of(question.motion_limits, spline.pieces, nv) if question.motion_limits else None
-        return cls(question, placed, near, samples, loads, constrained, ends, unit, room, no_loads(nv), memory)
+        return cls(question, placed, near, samples, loads, constrained, ends, unit, buffers, no_loads(nv), memory)
 
     def evaluate(
         self,
@@ -408,7 +413,7 @@ class PenalizedObjective(ReadOnly):
             spline.step,
             spline.begin,
             points,
-            self.room,
+            self.buffers,
         )
         return (BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else spline), gained
 

@@ -293,8 +293,8 @@ def _space_evenly(curve: CurveByLength, begin: float, end: float, spacing: float
 def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right: float, spacing: float) -> LocalPoints:
     """Places of a corner, evenly spaced, its first on the one curve and its last on the other."""
     u = np.linspace(0.0, 1.0, FINE_PLACES + 1)
-    meeting = curve.at(np.array([curve.length]))
-    bend = curve.at(curve.length - left * (1.0 - u) ** 2) + after.at(right * u**2) - meeting
+    corner = curve.at(np.array([curve.length]))
+    bend = curve.at(curve.length - left * (1.0 - u) ** 2) + after.at(right * u**2) - corner
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(bend, axis=0), axis=1))]
     count = max(LEAST_PLACES, math.ceil(lengths[-1] / spacing)) + 1
     places = np.linspace(0.0, lengths[-1], count)

@@ -173,10 +173,10 @@ def link_limit(group: PlanningGroup, link: str, speed: float, acceleration: floa
     return CartesianLimit(link, True, _body_of(group, ("link", link)), speed, acceleration)
 
 
-def _require_chain(group: PlanningGroup, carrier: int, name: str) -> None:
+def _require_chain(group: PlanningGroup, parent_joint: int, name: str) -> None:
     for joint in group.joints:
         index = group.model.getJointId(joint.name)
-        if joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) and index in group.model.supports[carrier]:
+        if joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) and index in group.model.supports[parent_joint]:
             raise MalformedRequest(
                 f"limits of speed in space are not served for {name!r}: {joint.name!r}, which carries it, is"
                 f" {joint.kind.value}",

@@ -32,18 +32,18 @@ class SerialChain:
     table: LinkChain  # the chain as the kernels read it
     # whether its first joint is the tip, and nothing holds it (a moving base); else the last link ends in it
     leads: bool
-    carriers: np.ndarray  # index in the group's model of the joint that carries each link, shape (n,)
+    parent_joints: np.ndarray  # index in the group's model of the joint that carries each link, shape (n,)
 
     @property
     def n(self) -> int:
         """The number of links."""
-        return len(self.carriers)
+        return len(self.parent_joints)
 
     def places(self, q: Configuration) -> tuple[np.ndarray, np.ndarray]:
         """Return places of joints and end (n + 1, 3) [m] and rotations of links (n, 3, 3) at a configuration (nq,)."""
         placements = np.empty((len(self.joints.parents), 3, 4))
         joint_placements(self.joints, q, placements)
-        links = placements[self.carriers]
+        links = placements[self.parent_joints]
         rotations = np.ascontiguousarray(links[:, :, :3])
         end = rotations[-1] @ self.table.links[-1] + links[-1, :, 3]
         return np.vstack([links[:, :, 3], end]), rotations
@@ -66,24 +66,24 @@ def link_chain(group: PlanningGroup) -> SerialChain:
     frames, between = np.tile(np.eye(3), (n, 1, 1)), np.tile(np.eye(3), (n, 1, 1))
     axes = np.zeros((2, n, 3))
     circling = np.zeros((n, 2), np.int64)
-    for k, carrier in enumerate(ends):
-        first = carrier - 1 if kinds[k] == UNIVERSAL else carrier
+    for k, joint in enumerate(ends):
+        first = joint - 1 if kinds[k] == UNIVERSAL else joint
         frames[k] = model.jointPlacements[first].rotation
         if kinds[k] == UNIVERSAL:
-            between[k] = model.jointPlacements[carrier].rotation
-            axes[:, k] = table.axes[first], table.axes[carrier]
-            circling[k] = [model.joints[i].nq == 2 for i in (first, carrier)]
+            between[k] = model.jointPlacements[joint].rotation
+            axes[:, k] = table.axes[first], table.axes[joint]
+            circling[k] = [model.joints[i].nq == 2 for i in (first, joint)]
     leads = kinds[0] == FREE
-    links = np.array([model.jointPlacements[carrier + 1].translation for carrier in ends[:-1]]).reshape(-1, 3)
+    links = np.array([model.jointPlacements[joint + 1].translation for joint in ends[:-1]]).reshape(-1, 3)
     links = np.vstack([links, _last_link(group, ends[-1], leads)])
     _check(group, links, axes, between, kinds, leads)
     origin = np.array(model.jointPlacements[1].translation)
     chain = LinkChain(
         np.array(kinds, np.int64), np.array(at, np.int64), frames, origin, links, axes[0], axes[1], between, circling
     )
-    carriers = np.array(ends, np.int64)
-    read_only(*chain, carriers)
-    return SerialChain(group, table, chain, leads, carriers)
+    parent_joints = np.array(ends, np.int64)
+    read_only(*chain, parent_joints)
+    return SerialChain(group, table, chain, leads, parent_joints)
 
 
 def _links_of(group: PlanningGroup) -> tuple[list[int], list[int], list[tuple[int, int]]]:
@@ -121,19 +121,19 @@ def _kind(group: PlanningGroup, index: int) -> JointKind:
     return joint.kind
 
 
-def _last_link(group: PlanningGroup, carrier: int, leads: bool) -> np.ndarray:
+def _last_link(group: PlanningGroup, joint: int, leads: bool) -> np.ndarray:
     """Return the last link from its joint to its end (3,): the tip, or if the tip leads the far end of its shape."""
     tip = group.model.frames[group.tip_id]
     if leads:
         if tip.parentJoint != 1 or float(np.linalg.norm(tip.placement.translation)) > SAME_PLACE:
             raise _unfit(group, f"its tip {group.tip!r} isn't where its floating joint is")
-    elif tip.parentJoint != carrier:
+    elif tip.parentJoint != joint:
         raise _unfit(group, f"its tip {group.tip!r} isn't on its last link")
     else:
         return np.array(tip.placement.translation)
     farthest = np.zeros(3)
     for charged, shape in zip(robot_charges(group.robot).shapes, group.geometry.geometryObjects, strict=True):
-        if shape.parentJoint == carrier:
+        if shape.parentJoint == joint:
             for end in (charged.capsule.p0, charged.capsule.p1):
                 place = shape.placement.act(end)
                 if np.linalg.norm(place) > np.linalg.norm(farthest):

@@ -248,8 +248,8 @@ def lock_joints(model: Any, geometry: Any, locked: Collection[int], q: np.ndarra
     made, places = _rebuild(model, {}, locked, q)
     reduced = geometry.copy()
     for shape in reduced.geometryObjects:
-        carrier, offset = places[shape.parentJoint]
-        shape.parentJoint, shape.placement = carrier, offset * shape.placement
+        parent, offset = places[shape.parentJoint]
+        shape.parentJoint, shape.placement = parent, offset * shape.placement
     return made, reduced
 
 
@@ -263,19 +263,19 @@ def _rebuild(
     kept: list[tuple[Any, Any]] = []
     places: list[tuple[int, Any]] = [(0, pin.SE3.Identity())]
     for index in range(1, model.njoints):
-        carrier, offset = places[model.parents[index]]
+        parent, offset = places[model.parents[index]]
         if index in locked:
-            places.append((carrier, offset * data.liMi[index]))
+            places.append((parent, offset * data.liMi[index]))
         else:
             joint = replacements.get(index) or model.joints[index].extract()
-            carrier = made.addJoint(carrier, joint, offset * model.jointPlacements[index], model.names[index])
-            kept.append((model.joints[index], made.joints[carrier]))
-            places.append((carrier, pin.SE3.Identity()))
+            parent = made.addJoint(parent, joint, offset * model.jointPlacements[index], model.names[index])
+            kept.append((model.joints[index], made.joints[parent]))
+            places.append((parent, pin.SE3.Identity()))
         made.appendBodyToJoint(places[index][0], model.inertias[index], places[index][1])
     for number, frame in enumerate(list(model.frames)[1:]):
-        carrier, offset = places[frame.parentJoint]
+        parent, offset = places[frame.parentJoint]
         # under a name of its own, as Pinocchio merges frames that share name and type
-        copied = pin.Frame(f"frame {number}", carrier, frame.parentFrame, offset * frame.placement, frame.type)
+        copied = pin.Frame(f"frame {number}", parent, frame.parentFrame, offset * frame.placement, frame.type)
         made.frames[made.addFrame(copied, False)].name = frame.name
     _copy_limits(model, made, kept)
     return made, places
