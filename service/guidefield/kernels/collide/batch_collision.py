@@ -91,7 +91,7 @@ def _meets_inside(world: BatchWorld, cloudy: bool, body: int, o: int, near: int,
 
 @vector_step(boolean(WORLD, int64, int64, int64, types.float64))
 def _inner_meets(world: BatchWorld, body: int, o: int, near: int, clearance: float) -> bool:
-    """Tell if a ball inside a body meets an obstacle in any of some lanes."""
+    """Return if an inscribed sphere of a body meets an obstacle in any lane of the mask `near`."""
     obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
         return bool(_meets_inside(world, True, body, o, near, clearance))
@@ -158,7 +158,7 @@ def _meets_by_cover(world: BatchWorld, cloudy: bool, body: int, o: int, near: in
 
 @vector_step(int64(WORLD, int64, int64, int64, types.float64))
 def _cover_meets(world: BatchWorld, body: int, o: int, near: int, clearance: float) -> int:
-    """The lanes of some where a ball of a body's cover meets an obstacle."""
+    """Return the lanes of the mask `near` where a bounding sphere of a body meets an obstacle."""
     obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
         return int(_meets_by_cover(world, True, body, o, near, clearance))

@@ -101,7 +101,7 @@ def _gather(typing: Any, pointer: Any, places: Any) -> Any:
 
 @vector_step(boolean(CLOUD_TABLES, f32x16, f32x16, f32x16, f32x16, int64))
 def _fill_cells(cloud: BatchCloud, places: Vector, x: Vector, y: Vector, z: Vector, lanes: int) -> bool:
-    """Fill the cells of some lanes, by their places and middles; 0 says that a cell is empty, so that none gets it."""
+    """Fill the cells of a mask's lanes, by their places and middles; none gets 0, which says that a cell is empty."""
     while lanes:
         k = first_lane(lanes)
         lanes &= lanes - 1
@@ -112,7 +112,7 @@ def _fill_cells(cloud: BatchCloud, places: Vector, x: Vector, y: Vector, z: Vect
 
 @vector_step(int64(CLOUD_TABLES, f32x16, f32x16, f32x16, float64, int64))
 def cloud_near(cloud: BatchCloud, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
-    """Return the mask of points, of those in some lanes, closer than `reach` to a ball of the cloud [m]."""
+    """Return the lanes of a mask whose points are closer than `reach` to a ball of the cloud [m]."""
     numbers, cells, zero = cloud.numbers, cloud.cells, splat(0.0)
     reach += numbers[RADIUS]
     dx = largest_of(largest_of(numbers[LOW] - x, x - numbers[HIGH]), zero)
@@ -161,7 +161,7 @@ def near_obstacle_of(
 
 @vector_part
 def near_obstacle(obstacles: BatchObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
-    """Mask of the points, of those in some lanes at least, closer to an obstacle's primitive than `reach`."""
+    """Return the lanes, at least those of a mask, whose points are closer to an obstacle's primitive than `reach`."""
     return int(near_obstacle_of(obstacles.kinds[o] == CLOUD, obstacles, o, x, y, z, reach, lanes))
 
 

@@ -74,7 +74,7 @@ def words_at(typing: Any, address: Any) -> Any:
 
 @intrinsic
 def _only(typing: Any, mask: Any, value: Any, otherwise: Any) -> Any:
-    """A vector where a mask has its lanes, another where not."""
+    """Return `value` in the lanes of a mask, `otherwise` in the others."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         bits = builder.trunc(args[0], ir.IntType(LANES))

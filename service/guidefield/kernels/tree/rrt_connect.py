@@ -54,7 +54,7 @@ FEW = 4  # if these balls leave at most this many configurations undecided, the 
 
 @vector_step(int64(WORLD, types.float64, INTEGER_POINTER))
 def _hit_again(world: BatchWorld, clearance: float, hits: Integers) -> int:
-    """The lanes where one of the balls that met an obstacle lately does so again; such a ball moves on by a place."""
+    """Return the lanes where a ball that met an obstacle lately meets it again; such a ball moves on by a place."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, mask = scratch.poses, bodies.inner, 0
     for k in range(SIEVE):
@@ -77,7 +77,7 @@ def _hit_again(world: BatchWorld, clearance: float, hits: Integers) -> int:
 
 @vector_step(int64(WORLD, int64, int64, int64, types.float64, INTEGER_POINTER))
 def _hits_of(world: BatchWorld, body: int, o: int, near: int, clearance: float, hits: Integers) -> int:
-    """The lanes of some where a ball inside a body meets an obstacle; such balls are remembered."""
+    """Return the lanes of the mask `near` where a ball inside a body meets an obstacle; remember such balls."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     mask = 0
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
