@@ -111,7 +111,7 @@ def densely_free(made_for: Problem, path: np.ndarray, step: float = 2e-3) -> boo
 
 @functools.cache
 def over_the_wall() -> tuple[Problem, np.ndarray]:
-    """A Panda, a wall between start and goal, and a way over it that was found by the tree: it grazes the wall."""
+    """A Panda, a wall between start and goal, and a path over it that was found by the tree: it grazes the wall."""
     wall = messages.Box(name="wall", size=(0.5, 0.04, 0.7), position=(0.55, 0.0, 0.35))
     made = problem("panda", scene_of(wall), planes=())
     start, goal = made.group.to_local(rest(made.group)), made.group.to_local(rest(made.group))
@@ -139,7 +139,7 @@ def smallest_clearance(made: Problem, path: np.ndarray, ends: float = 0.0) -> fl
     return min(clearance_at(made.world, made.group.expand_from_local(z)).obstacle_distance for z in inner)
 
 
-def beside_the_way(planned: PlanningGroup, path: np.ndarray) -> Problem:
+def beside_the_path(planned: PlanningGroup, path: np.ndarray) -> Problem:
     """A post that the straight motion just misses, and that both ends are far from."""
     middle = problem(planned, scene_of(), planes=()).kinematics.tip_position(
         planned.expand_from_local(path.mean(axis=0))

@@ -76,8 +76,8 @@ def test_joints_of_every_kind_find_a_way_round(kinds: str) -> None:
     made = problem(planned, scene_of(*walls))
     zs = draw(planned, 400, 7)
     ends = zs[~made.batch.touching(zs)]
-    ways = [(start, planned.unwrapped(goal, start)) for start, goal in pairwise(ends)]
-    blocked = [way for way in ways if not made.batch.free_until(np.array(way), 32.0)]
+    paths = [(start, planned.unwrapped(goal, start)) for start, goal in pairwise(ends)]
+    blocked = [way for way in paths if not made.batch.free_until(np.array(way), 32.0)]
     assert len(blocked) > 2
     for start, goal in blocked[:3]:
         connection = connect(made, start, goal[None], np.random.default_rng(0))

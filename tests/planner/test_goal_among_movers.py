@@ -82,9 +82,9 @@ PASSING = messages.Sphere(name="ball", radius=0.15, trajectory=flight([0.0, 4.5]
 def post_and_door() -> tuple[messages.Obstacle, ...]:
     """A post comes to the start and goes again, long before the door opens."""
     x, y, _ = made_tip(LEFT).translation
-    way = flight([1.0, 2.0, 2.5, 3.5], (x, y + 1.2, 0.8), (x, y, 0.8), (x, y, 0.8), (x, y + 1.2, 0.8))
+    path = flight([1.0, 2.0, 2.5, 3.5], (x, y + 1.2, 0.8), (x, y, 0.8), (x, y, 0.8), (x, y + 1.2, 0.8))
     late = msgspec.structs.replace(DOOR, trajectory=flight([6.0, 7.0], (0.85, 0.0, 0.8), (2.6, 0.0, 0.8)))
-    return msgspec.structs.replace(POST, trajectory=way), late
+    return msgspec.structs.replace(POST, trajectory=path), late
 
 
 def efforts(*most: float) -> EffortLimit:
@@ -328,8 +328,8 @@ def test_it_arrives_sooner_than_the_schedule_and_stays_free_and_within_limits(je
 def test_it_does_not_arrive_before_its_end_is_free_for_good() -> None:
     """A bar passes over the goal; the robot comes after it, though nothing but that is in its way."""
     x, y, z = made_tip(RIGHT).translation
-    way = flight([0.0, 3.0], (x, y - 0.9, z), (x, y + 0.9, z))
-    made = asked(messages.Sphere(name="ball", radius=0.08, trajectory=way), min_clearance=0.005)
+    path = flight([0.0, 3.0], (x, y - 0.9, z), (x, y + 0.9, z))
+    made = asked(messages.Sphere(name="ball", radius=0.08, trajectory=path), min_clearance=0.005)
     found = plan(made)
     require_free(made, found)
     assert found.trajectory.times[-1] > 1.4

@@ -69,10 +69,10 @@ def test_a_slight_contact_is_left_and_the_rest_certified() -> None:
     assert certify(made.world, motion.bezier()[k:]).free
 
 
-def among(made: Problem, times: list[float], *ways: tuple[float, float, float]) -> Problem:
+def among(made: Problem, times: list[float], *paths: tuple[float, float, float]) -> Problem:
     """The same with the board on its way from where it stands."""
     (board,) = made.scene.message.obstacles
-    places = [tuple(np.add(board.position, way).tolist()) for way in ways]
+    places = [tuple(np.add(board.position, path).tolist()) for path in paths]
     moving = msgspec.structs.replace(board, trajectory=flight(times, *places))
     return problem(made.group, scene_of(moving), made.goal, planes=(), leave_start_contact=True)
 

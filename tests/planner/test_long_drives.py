@@ -23,7 +23,7 @@ from tests.handlers.motions import Bare, distance
 CART = """<robot name="cart"><link name="base"><collision><origin xyz="0 0 0.2"/><geometry>
 <cylinder radius="0.28" length="0.36"/></geometry></collision></link></robot>"""
 
-ROOM, DOOR, WIDTH = 6.0, 1.0, 6.0  # length of a room along the way, width of a door, and of a room across it [m]
+ROOM, DOOR, WIDTH = 6.0, 1.0, 6.0  # length of a room along the path, width of a door, and of a room across it [m]
 
 
 def rooms(count: int) -> Scene:

@@ -175,8 +175,8 @@ def swing(seed: int) -> Trajectory:
     """A random motion of the arm from rest to rest within its limits, that waits in between."""
     rng, planned = np.random.default_rng(seed), group("panda")
     start = planned.to_local(rest(planned))
-    ways = rng.uniform(-0.5, 0.5, (2, len(start)))
-    points = np.array([start, start + ways[0], start + ways[0], start + ways.sum(axis=0)])
+    offsets = rng.uniform(-0.5, 0.5, (2, len(start)))
+    points = np.array([start, start + offsets[0], start + offsets[0], start + offsets.sum(axis=0)])
     points = np.clip(points, planned.lower, planned.upper)
     return Trajectory(np.array([0.0, 1.0, 1.6, 2.6]), points, np.zeros_like(points))
 

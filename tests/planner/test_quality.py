@@ -46,7 +46,7 @@ def carriage(length: float) -> UrdfText:
 
 
 def post(x: float) -> messages.Cylinder:
-    """A post of 1 mm radius whose surface is 2 mm beside the way of the carriage."""
+    """A post of 1 mm radius whose surface is 2 mm beside the path of the carriage."""
     return messages.Cylinder(name="post", radius=1e-3, length=1.0, position=(x, 0.05 + APART + 1e-3, 0.0))
 
 
@@ -234,22 +234,22 @@ def test_lengths_are_those_of_many_chords(knots: int) -> None:
     dense = motion.evaluate(np.unique(np.concatenate([np.linspace(0.0, motion.duration, 20_001), motion.times])))[0]
     tips = np.array([kinematics.tip_position(planned.expand_from_local(z)) for z in dense])
     told = measure_figures(motion, kinematics)
-    for said, way in ((told.joint_path_length, dense), (told.tip_path_length, tips)):
-        assert said == pytest.approx(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), rel=1e-4, abs=1e-12)
+    for said, path in ((told.joint_path_length, dense), (told.tip_path_length, tips)):
+        assert said == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), rel=1e-4, abs=1e-12)
 
 
 @pytest.mark.parametrize(("rates", "length"), [((-6.0, -6.0), None), ((3.0, -3.0), 1.5), ((1.0, 1.0), 1.0)])
 def test_the_length_of_a_way_that_turns_back_is_all_that_was_gone(rates, length):
     arm = grouped(carriage(3.0))
-    way = Trajectory(
+    path = Trajectory(
         np.array([0.0, 1.0]),
         np.array([[0.0], [0.0 if rates[0] * rates[1] < 0 else 1.0]]),
         np.array([[r] for r in rates]),
     )
-    samples = way.evaluate(np.linspace(0.0, 1.0, 2_000_001))[0][:, 0]
+    samples = path.evaluate(np.linspace(0.0, 1.0, 2_000_001))[0][:, 0]
     gone = float(np.abs(np.diff(samples)).sum())
     assert length is None or gone == pytest.approx(length, rel=1e-9)
-    told = measure_figures(way, Kinematics(arm))
+    told = measure_figures(path, Kinematics(arm))
     assert told.joint_path_length == pytest.approx(gone, rel=1e-4)
     assert told.tip_path_length == pytest.approx(gone, rel=1e-4)
 
@@ -259,9 +259,9 @@ def test_the_length_of_a_way_that_turns_back_in_each_of_many_pieces_is_all_that_
     arm, rng = grouped(carriage(3.0)), np.random.default_rng(5)
     positions = np.cumsum(rng.uniform(-0.004, 0.006, 400))
     rates = rng.uniform(-0.03, 0.03, 400)
-    way = Trajectory(np.arange(400.0), positions[:, None], rates[:, None])
-    samples = way.evaluate(np.linspace(0.0, 399.0, 2_000_001))[0][:, 0]
+    path = Trajectory(np.arange(400.0), positions[:, None], rates[:, None])
+    samples = path.evaluate(np.linspace(0.0, 399.0, 2_000_001))[0][:, 0]
     gone = float(np.abs(np.diff(samples)).sum())
-    told = measure_figures(way, Kinematics(arm))
+    told = measure_figures(path, Kinematics(arm))
     assert told.joint_path_length == pytest.approx(gone, rel=1e-4)
     assert told.tip_path_length == pytest.approx(gone, rel=1e-4)

@@ -237,8 +237,8 @@ def test_a_plane_is_the_goal_where_nothing_comes_to_the_robot_any_more() -> None
     still = problem("panda", scene_of(planes=[plane_at(0.6)]))
     end = planned(still).trajectory
     tip = still.kinematics.tip_position(still.group.from_local(end.positions[-1]))
-    way = [Placement(position=tuple((tip + aside).tolist())) for aside in ([0.0, -0.8, 0.0], [0.0, 0.8, 0.0])]
-    ball = messages.Sphere(name="ball", radius=0.05, trajectory=messages.ObstacleTrajectory([1.0, 3.0], way))
+    path = [Placement(position=tuple((tip + aside).tolist())) for aside in ([0.0, -0.8, 0.0], [0.0, 0.8, 0.0])]
+    ball = messages.Sphere(name="ball", radius=0.05, trajectory=messages.ObstacleTrajectory([1.0, 3.0], path))
     made = problem("panda", scene_of(ball, planes=[plane_at(0.6)]))
     found = planned(made)
     assert found.status is Status.SUCCESS, found.message

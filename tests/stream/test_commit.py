@@ -282,12 +282,12 @@ def test_ways_are_bounded_by_what_is_travelled() -> None:
     for _ in range(5):
         commit = judged.random_commit(rng)
         geometry, data = judged.group.geometry, judged.group.model.createData()
-        placed, before, ways = geometry.createData(), None, np.zeros(geometry.ngeoms)
+        placed, before, travels = geometry.createData(), None, np.zeros(geometry.ngeoms)
         for time in np.linspace(0.0, commit.stops, 40):
             q = judged.group.expand_from_local(commit.state(time)[:, 0])
             pin.updateGeometryPlacements(judged.group.model, data, geometry, placed, q)
             now = np.array([pose.translation for pose in placed.oMg])
-            ways += 0.0 if before is None else np.linalg.norm(now - before, axis=1)
+            travels += 0.0 if before is None else np.linalg.norm(now - before, axis=1)
             before = now
         bound = judged.judge.bound_travel(commit, judged.obstacles.see(0.0), 0.0, commit.stops)
-        assert ways.max() <= bound <= 6.0 * ways.max() + 0.05
+        assert travels.max() <= bound <= 6.0 * travels.max() + 0.05

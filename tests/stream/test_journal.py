@@ -170,7 +170,7 @@ def test_a_piece_that_is_another_one_is_found(tmp_path: Path) -> None:
 
 
 def test_a_file_of_another_version_is_told_from_one_that_is_none(tmp_path: Path) -> None:
-    """Such as one from before it was kept when a way was planned last."""
+    """Such as one from before it was kept when a path was planned last."""
     journal = Journal(tmp_path, ASKED, "plain", {})
     with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
         stream.update(StreamUpdate(0.0))

@@ -57,8 +57,8 @@ def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
             z1[1] -= 1.0
             assert paths.find_free(np.array([z0, z1])).tolist() == [kept == 1.0, True]
             assert paths.choose_clearance(STREAM.resting, [z0, z1]) == kept * STREAM.resting
-            way = paths.find_path(NOTHING, ClearanceRule(0.1, 0.0), z0, z1, 0)
-        assert np.array_equal(way[[0, -1]], [z0, z1])
+            path = paths.find_path(NOTHING, ClearanceRule(0.1, 0.0), z0, z1, 0)
+        assert np.array_equal(path[[0, -1]], [z0, z1])
 
 
 def ball(
@@ -123,7 +123,7 @@ STRETCHED = {"shoulder_lift_joint": -0.6, "elbow_joint": 0.6}
 
 
 def test_ways_are_planned_to_where_obstacles_will_be() -> None:
-    """The straight way is free of a ball that has left it by then, and not of one that comes."""
+    """The straight path is free of a ball that has left it by then, and not of one that comes."""
     with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
         paths, z0, speeds = stream._paths, stream.executing.ends, stream._opened.bounds.rates[:, 0]
     z1, model, kept = z0.copy(), stream.group.model, ClearanceRule(0.02, 0.0)
@@ -145,7 +145,7 @@ def test_ways_are_planned_to_where_obstacles_will_be() -> None:
 
 
 def test_a_way_may_end_whole_turns_from_its_goal_where_a_joint_turns_without_end() -> None:
-    """The first joint of the robot does, the second one doesn't; the way that ends there is followed to its end."""
+    """The first joint of the robot does, the second one doesn't; the path that ends there is followed to its end."""
     goal = JointsGoal({"j2s6s200_joint_1": 0.5})
     with CertifiedStream(StreamOpen("kinova", "empty", goal=goal), robot("kinova"), build(Scene("empty"))) as stream:
         pursuit = stream._state.pursuit
@@ -236,7 +236,7 @@ def test_a_stream_knows_so_many_obstacles_and_forgets_those_that_are_gone(monkey
 
 @pytest.mark.parametrize("stray", [0.0, 1e4])
 def test_of_a_cloud_neighbours_stand_together_however_it_is_given(stray: float) -> None:
-    """Whoever gave points in any order had each leaf of the judge's tree and each box for ways about all."""
+    """Whoever gave points in any order had each leaf of the judge's tree and each box for paths about all."""
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (4000, 3))
     points[7] += stray  # cameras see such
     message = PointCloud(name="cloud", points=points.tolist(), radius=0.01)

@@ -150,5 +150,5 @@ def test_places_on_a_way_are_the_same_however_slow_joints_are() -> None:
     points, z = rng.normal(size=(6, 3)), rng.normal(size=3)
     plain = TimedPath(points, np.array([1.0, 2.0, 3.0]))
     for slowed in (1e-3, 1e-300):
-        way = TimedPath(points, slowed * np.array([1.0, 2.0, 3.0]))
-        assert way.nearest(z, 0.0, np.inf) * slowed == pytest.approx(plain.nearest(z, 0.0, np.inf), rel=1e-9)
+        path = TimedPath(points, slowed * np.array([1.0, 2.0, 3.0]))
+        assert path.nearest(z, 0.0, np.inf) * slowed == pytest.approx(plain.nearest(z, 0.0, np.inf), rel=1e-9)

@@ -172,7 +172,7 @@ class SequenceMotion:
         if self.trajectory is None:
             return start.scene
         most = max(MAX_CARRIED_PLACEMENTS // len(self.spans), 1)
-        ways: dict[str, list[tuple[float, Placement]]] = {}
+        placements: dict[str, list[tuple[float, Placement]]] = {}
         for at, (begin, end) in zip(self.standings, self.spans, strict=True):
             times = np.linspace(begin, end, int(np.clip(np.ceil((end - begin) * CARRIED_RATE), 1, most)) + 1)
             zs = self.trajectory.evaluate(times)[0]
@@ -180,8 +180,8 @@ class SequenceMotion:
                 q = whole_configuration(whole, whole.from_local(z))
                 there = dataclasses.replace(at, q=q)
                 for held in there.objects:
-                    ways.setdefault(held.name, []).append((moment, _placement(there.place(held))))
-        return _with_carried(start, ways)
+                    placements.setdefault(held.name, []).append((moment, _placement(there.place(held))))
+        return _with_carried(start, placements)
 
 
 def executed_in_time(segment: SequenceSegment) -> TimedMotion:
@@ -202,13 +202,13 @@ def _unpack_segment(packed: PackedSegment, conditions: Conditions, trajectory: T
     return SequenceSegment(**fields, index=packed.index, motion=cut_trajectory(trajectory, packed.begin, packed.end))
 
 
-def _with_carried(start: StepSituation, ways: dict[str, list[tuple[float, Placement]]]) -> Scene:
-    """The obstacles and held objects of the start; those with timed placements in `ways` move along them."""
+def _with_carried(start: StepSituation, placements: dict[str, list[tuple[float, Placement]]]) -> Scene:
+    """The obstacles and held objects of the start; those in `placements` move along them."""
     at_first = [
         *start.scene.message.obstacles,
         *(start.place(one) for one in start.objects if _is_shown(one.attached.obstacle)),
     ]
-    moving = [_moving(one, ways[one.name]) if one.name in ways else one for one in at_first]
+    moving = [_moving(one, placements[one.name]) if one.name in placements else one for one in at_first]
     return scenes.build(msgspec.structs.replace(start.scene.message, obstacles=moving))
 
 
@@ -283,7 +283,7 @@ def _motions(
     motions = []
     for one in segments:
         held = [held.attached for held in made.legs[one.index].at.objects]
-        outside_proof = None if one.way is None else f"{one.way.frame} keeps to its straight way"
+        outside_proof = None if one.line is None else f"{one.line.frame} keeps to its straight way"
         motions.append(declare(request, one, one.executed, held, outside_proof=outside_proof))
     return motions
 

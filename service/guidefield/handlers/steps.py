@@ -34,8 +34,8 @@ from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
 from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan
+from guidefield.planner.sequence.cartesian_line import CartesianLine, straight_plan
 from guidefield.planner.sequence.step_sequence import StepMotion
-from guidefield.planner.sequence.straight_way import StraightWay, straight_plan
 from guidefield.planner.task.problem import Conditions, Counters, Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
@@ -99,8 +99,8 @@ class Steps:
                     joints=several,
                 )
         problem = dataclasses.replace(problem, counters=self.counters, began=begin)
-        way = _way(step, request, problem) if step.linear else None
-        return StepMotion(problem, self._planned(request, way), way)
+        line = _line(step, request, problem) if step.linear else None
+        return StepMotion(problem, self._planned(request, line), line)
 
     def after(self, index: int, at: StepSituation, q: RobotConfiguration, time: float) -> StepSituation:
         """As in `StepSequence`."""
@@ -241,15 +241,15 @@ class Steps:
         moving = {*(joint.name for joint in part.joints), *mimic_laws(part)}
         return bool(supports & moving)
 
-    def _planned(self, request: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:
+    def _planned(self, request: PlanRequest, line: CartesianLine | None) -> Callable[[Problem], Plan]:
         def planned(problem: Problem) -> Plan:
             began = working_time()
             if (refusal := refuse_ends(problem)) is not None:
                 return refusal
             prepare_problem(request, problem, self._preparing)
             loaded = working_time() - began
-            if way is not None:
-                made = straight_plan(problem, way)
+            if line is not None:
+                made = straight_plan(problem, line)
             else:
                 derived, derivation = with_derived_planes(problem, request)
                 attempts = ATTEMPTS[request.minimizer](problem.group)
@@ -337,12 +337,12 @@ def _goal(step: PlanStep, at: StepSituation, tip: str) -> requests.Goal:
     return requests.PoseGoal(*wire_pose(there))
 
 
-def _way(step: PlanStep, request: PlanRequest, problem: Problem) -> StraightWay:
+def _line(step: PlanStep, request: PlanRequest, problem: Problem) -> CartesianLine:
     assert isinstance(request.goal, requests.PoseGoal), "a straight way leads to a pose"
     group = problem.group
     begin = problem.kinematics.frame_placement(group.expand_from_local(problem.z_start), group.tip_id)
     end = se3(request.goal.position, request.goal.quaternion_xyzw)
-    return StraightWay(group.tip, begin, end, step.line_tolerance, step.turn_tolerance)
+    return CartesianLine(group.tip, begin, end, step.line_tolerance, step.turn_tolerance)
 
 
 @contextmanager

@@ -41,15 +41,15 @@ GOALS_TRIED = 10
 GOAL_MOTIONS = 3000  # motions that each one's tree judges at most, before all goals are tried together. Unrecorded
 TIME_ROUNDS = 4  # more rounds of such trees at most, where time alone counts ..
 ENOUGH = 1.15  # .. until the best score is at most this times the least bound
-# share of a way's length, each joint's by its velocity limit [s/s], in its score, unless time alone counts. On the
-# 420 public problems of a Panda with 0 ways were 1.5 % longer, motions 0.3 % faster, and they kept a millimetre
+# share of a path's length, each joint's by its velocity limit [s/s], in its score, unless time alone counts. On the
+# 420 public problems of a Panda with 0 paths were 1.5 % longer, motions 0.3 % faster, and they kept a millimetre
 # less
 LENGTH_SHARE = 0.2
-WAYS = 5  # ways that are optimised coarsely at most, where time alone counts
-# the same for balanced motions. On 60 problems, 20 each of cages, boxes and tables that are reached under, one way
-# made motions 1.6 % slower, in cages 4 %, and took 15 % less time for the whole plan; five ways gained 0.4 % for 17
+MAX_PATHS = 5  # paths that are optimised coarsely at most, where time alone counts
+# the same for balanced motions. On 60 problems, 20 each of cages, boxes and tables that are reached under, one path
+# made motions 1.6 % slower, in cages 4 %, and took 15 % less time for the whole plan; five paths gained 0.4 % for 17
 # % more
-FEW_WAYS = 3
+MAX_PATHS_BALANCED = 3
 ROUND_MOTIONS = 2000  # motions that a round of making a path shorter judges at most. Unrecorded
 ROUNDS_SHARE = 0.5  # such rounds end when this share of the time left is over: the rest is for what follows. A choice
 LEAST_SHORTER = 1e-3  # by what share a path has to be shorter to be taken. A choice: less is not worth a round
@@ -68,7 +68,7 @@ DAMPING = 1e-9  # of those steps, relative to the largest singular value: a row 
 
 @dataclass(frozen=True, eq=False)
 class QuickestPath(ReadOnly):
-    """The way to one of several goals that is estimated to take the least time."""
+    """The path to one of several goals that is estimated to take the least time."""
 
     path: LocalPoints  # local coordinates, shape (n, nv), free at samples
     others: tuple[LocalPoints, ...]  # the next best, shape (n, nv) each; none where clearance counts most
@@ -79,7 +79,7 @@ class QuickestPath(ReadOnly):
 def find_quickest_path(
     problem: Problem, z_start: LocalPoint, goals: LocalPoints, rng: np.random.Generator
 ) -> QuickestPath | None:
-    """Find the best way from z_start (nv,) to goals (m, nv), each by itself.
+    """Find the best path from z_start (nv,) to goals (m, nv), each by itself.
 
     None where all have to be tried together.
     """
@@ -95,9 +95,9 @@ def find_quickest_path(
             search.try_goal(index)
     if not search.found:
         return None
-    ways = {Objective.TIME: WAYS, Objective.BALANCED: FEW_WAYS, Objective.CLEARANCE: 1}
-    best, *others = sorted(search.found, key=lambda scored: scored[0])[: ways[problem.objective]]
-    return QuickestPath(best[1], tuple(way for _, way in others), len(search.straight), search.iterations)
+    most = {Objective.TIME: MAX_PATHS, Objective.BALANCED: MAX_PATHS_BALANCED, Objective.CLEARANCE: 1}
+    best, *others = sorted(search.found, key=lambda scored: scored[0])[: most[problem.objective]]
+    return QuickestPath(best[1], tuple(path for _, path in others), len(search.straight), search.iterations)
 
 
 class _PathSearch:
@@ -112,21 +112,21 @@ class _PathSearch:
         return min((score for score, _ in self.found), default=np.inf)
 
     def straight_scores(self) -> np.ndarray:
-        ways = (self._goals - self._start) / self._problem.group.velocity_limits
-        scores: np.ndarray = np.abs(ways).max(axis=1)
+        offsets = (self._goals - self._start) / self._problem.group.velocity_limits
+        scores: np.ndarray = np.abs(offsets).max(axis=1)
         if self._problem.objective is not Objective.TIME:
-            scores += LENGTH_SHARE * np.linalg.norm(ways, axis=1)
+            scores += LENGTH_SHARE * np.linalg.norm(offsets, axis=1)
         return scores
 
     def try_goal(self, index: int) -> None:
-        """Look for a way to a goal; for another one by another tree, unless the straight one is free."""
+        """Look for a path to a goal; for another one by another tree, unless the straight one is free."""
         problem, goal = self._problem, self._goals[index]
         batch, clearance = problem.batch, problem.min_clearance
-        way = np.array([self._start, goal])
+        path = np.array([self._start, goal])
         if self.straight.get(index, False):
             return
         if index not in self.straight:
-            self.straight[index] = bool(batch.free_until(way, RESOLUTION, clearance))
+            self.straight[index] = bool(batch.free_until(path, RESOLUTION, clearance))
         if not self.straight[index]:
             roots = np.concatenate([goal[None], problem.group.turned_otherwise(goal)])
             found = tree_search.grow(
@@ -144,8 +144,8 @@ class _PathSearch:
             problem.tell(TreeGrown(found.trees))
             if found.path is None:
                 return
-            way = batch.shorten(found.path, RESOLUTION, clearance + MARGIN * problem.group.size)
-        self.found.append((score_path(problem, way), way))
+            path = batch.shorten(found.path, RESOLUTION, clearance + MARGIN * problem.group.size)
+        self.found.append((score_path(problem, path), path))
 
 
 def _count(problem: Problem, found: FoundPath) -> None:
@@ -153,13 +153,13 @@ def _count(problem: Problem, found: FoundPath) -> None:
     problem.counters.collision_checks += found.motions
 
 
-def score_path(problem: Problem, way: LocalPoints) -> float:
-    """The score of a way (n, nv) [s]: its estimated time, and a share of its length unless time alone counts."""
+def score_path(problem: Problem, path: LocalPoints) -> float:
+    """The score of a path (n, nv) [s]: its estimated time, and a share of its length unless time alone counts."""
     limits = problem.group.velocity_limits
-    time = estimate_time(way, limits)
+    time = estimate_time(path, limits)
     if problem.objective is Objective.TIME:
         return time
-    return time + LENGTH_SHARE * float(np.linalg.norm(np.diff(way, axis=0) / limits, axis=1).sum())
+    return time + LENGTH_SHARE * float(np.linalg.norm(np.diff(path, axis=0) / limits, axis=1).sum())
 
 
 def estimate_time(path: LocalPoints, velocity_limits: LocalRate) -> float:
@@ -173,18 +173,18 @@ def explain_no_path(
 ) -> str | None:
     """Explain why a group of one coordinate can't get to any goal; None where it can, or has several coordinates.
 
-    Whatever it does, it passes what is between; so one sample in contact on each way is proof. Goals (m, nv) are no
+    Whatever it does, it passes what is between; so one sample in contact on each path is proof. Goals (m, nv) are no
     more than half a turn away if they wrap; the resolution is samples of a motion per length in them [1/rad or
     1/m], the clearance the distance kept from obstacles [m].
     """
     group = batch.world.group
     if group.nv != 1:
         return None
-    joint, ways = group.joints[0], list(goals)
+    joint, ends = group.joints[0], list(goals)
     round_again = joint.kind in ANGLE
     if round_again:
-        ways += [goal - 2.0 * np.pi * np.sign(goal - start) for goal in goals]
-    if any(batch.free_until(np.array([start, end]), resolution, clearance) for end in ways):
+        ends += [goal - 2.0 * np.pi * np.sign(goal - start) for goal in goals]
+    if any(batch.free_until(np.array([start, end]), resolution, clearance) for end in ends):
         return None
     which = "either way round" if round_again else "on the only way"
     return f"joint {joint.name} can't get to the goal: {which} it comes to what it must not touch"
@@ -267,9 +267,9 @@ def connect(
         if quickest is not None:
             return quickest
     for goal in near[np.argsort(np.linalg.norm((near - z_start) / problem.group.units, axis=1))]:
-        way = np.array([z_start, goal])
-        if batch.free_until(way, RESOLUTION, clearance) and (not prove or _certify_path(problem, way)):
-            return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
+        straight = np.array([z_start, goal])
+        if batch.free_until(straight, RESOLUTION, clearance) and (not prove or _certify_path(problem, straight)):
+            return Connection(Status.SUCCESS, "the straight motion is free", straight, prove)
     blocked = explain_no_path(batch, z_start, near, RESOLUTION, clearance)
     if blocked is not None:
         return Connection(Status.PLANNING_FAILED, blocked, z_start[None])
@@ -307,19 +307,19 @@ def _connect_to_quickest(
     def accepted(path: LocalPoints) -> bool:
         return not prove or _certify_path(problem, path)
 
-    way = find_quickest_path(problem, z_start, goals, rng)
-    if way is None or not accepted(way.path):
+    quickest = find_quickest_path(problem, z_start, goals, rng)
+    if quickest is None or not accepted(quickest.path):
         return None
-    path = way.path
-    message = f"of {len(goals)} goals {way.tried} tried; " if len(goals) > 1 else ""
+    path = quickest.path
+    message = f"of {len(goals)} goals {quickest.tried} tried; " if len(goals) > 1 else ""
     straight = len(path) == 2 and (goals == path[-1]).all(axis=1).any()  # not to where a joint is turned otherwise
-    message += "the straight motion is free" if straight else f"found by trees in {way.iterations} iterations"
+    message += "the straight motion is free" if straight else f"found by trees in {quickest.iterations} iterations"
     if problem.optimization_iterations and len(path) > 2:
         rounds = ShorteningRounds(problem.optimization_iterations, RESOLUTION, MARGIN * problem.group.size)
         roots = np.concatenate([goals, *map(problem.group.turned_otherwise, goals)])
         better = shorten_path(problem, path, roots, rounds, rng, accepted)
         path, message = better.path, f"{message}, {better.message}"
-    return _succeed(problem, message, path, prove, way.others)
+    return _succeed(problem, message, path, prove, quickest.others)
 
 
 def _succeed(
@@ -402,14 +402,14 @@ def _shorten(problem: Problem, keeper: Keeper, path: LocalPoints, rng: np.random
             break
         first, last = np.sort(rng.choice(len(path), 2, replace=False))
         ends = path[first], path[last]
-        way = tree_search.grow(
+        shorter = tree_search.grow(
             problem.batch, ends[0][None], ends[1][None], RESOLUTION, 0.0, rng, problem.deadline,
             most_iterations=0, frames=keeper.tables,
         ).path  # fmt: skip
-        if way is None or np.abs(way[-1] - ends[1]).max() > 1e-9:  # not there, or there the other way round
+        if shorter is None or np.abs(shorter[-1] - ends[1]).max() > 1e-9:  # not there, or there the other way round
             continue
-        if length_of(way, units) < length_of(path[first : last + 1], units) - 1e-9:
-            path = np.concatenate([path[:first], ends[0][None], way[1:-1], path[last:]])
+        if length_of(shorter, units) < length_of(path[first : last + 1], units) - 1e-9:
+            path = np.concatenate([path[:first], ends[0][None], shorter[1:-1], path[last:]])
     return path
 
 

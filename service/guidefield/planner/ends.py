@@ -4,7 +4,7 @@ The proof of `find_blocked_tip`: where the tip is at a pose, so are the bodies t
 joints do. Within the tolerances of a target a point of such a body is at most so far from where it is at one
 configuration that reaches it: twice the tolerance of the position, and twice that of the orientation times the point's
 distance from the tip. Convex bodies that are deeper in each other than that touch at every configuration that reaches
-the target: else a plane would part them at one, and a way no longer than that along its normal would, too.
+the target: else a plane would part them at one, and a path no longer than that along its normal would, too.
 
 `SURE_DEPTH` belongs to this proof, and must be more than Coal's error of a depth. The other numbers change whether and
 which configurations are found for a request's seed, and how soon. Statuses and details are those of the wire.
@@ -134,7 +134,7 @@ def find_goal_points(problem: Problem) -> LocalPoints | None:
         standing = _find_standing_goal(problem, target)
         if standing is not None and not (problem.guide_planes or problem.in_motion):
             return standing
-        if problem.guide_planes:  # the way there begins where they lead
+        if problem.guide_planes:  # the path there begins where they lead
             return _keep_admissible_goals(problem, find_tip_points(problem, target))
         return _keep_admissible_goals(
             problem, find_tip_points(problem, target, _sample_about_start(problem), CANDIDATES, _soonest)
@@ -168,9 +168,9 @@ def _soonest(problem: Problem, zs: LocalPoints) -> LocalPoints:
     group, limit = problem.group, problem.effort_limit
     if limit is not None and any(held := [fault is None for fault in limit.faults(zs)]):
         zs = cast(LocalPoints, zs[held])
-    ways = np.array([group.unwrapped(z, problem.z_start) for z in zs]) - problem.z_start
-    order = np.argsort((np.abs(ways) / group.velocity_limits).max(axis=1), kind="stable").tolist()
-    steps, chosen = ways / group.units, list[int]()
+    offsets = np.array([group.unwrapped(z, problem.z_start) for z in zs]) - problem.z_start
+    order = np.argsort((np.abs(offsets) / group.velocity_limits).max(axis=1), kind="stable").tolist()
+    steps, chosen = offsets / group.units, list[int]()
     for candidates in (order, range(len(zs))):
         most = len(chosen) + SOLUTIONS
         for index in candidates:

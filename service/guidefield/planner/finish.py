@@ -255,14 +255,14 @@ def _find_nearest(path: LocalPoints, place: LocalPoint) -> LocalPoint:
 def remove_waypoints(problem: Problem, path: LocalPoints, crossings: Mapping[int, int]) -> LocalPoints:
     """A path (n, nv) with the same ends, no longer, through the same waypoints on guide planes.
 
-    Between them straight ways are taken that keep a distance from obstacles; where there is none the path stays.
+    Between them straight paths are taken that keep a distance from obstacles; where there is none the path stays.
     """
-    if problem.path_constraints:  # which a straight way would leave
+    if problem.path_constraints:  # which a straight path would leave
         return path
     kept = sorted({0, len(path) - 1, *crossings.values()})
     margin = problem.min_clearance + STRAIGHT_MARGIN * problem.group.size
-    ways = [problem.batch.shorten(path[begin : end + 1], RESOLUTION, margin) for begin, end in pairwise(kept)]
-    return np.concatenate([path[:1], *(way[1:] for way in ways)])
+    shortened = [problem.batch.shorten(path[begin : end + 1], RESOLUTION, margin) for begin, end in pairwise(kept)]
+    return np.concatenate([path[:1], *(part[1:] for part in shortened)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ their estimated arrival. If the time-dependent certificate refuses a motion, the
 isn't there at that time. If all else fails, the robot waits until the obstacles have come to rest, if it may wait, and
 goes as the planner among obstacles at rest goes.
 
-The settings are `SCHEDULE` and `WAYS` of slices.py: they and the order of the attempts change which motion is
+The settings are `SCHEDULE` and `PATH_SEARCH` of slices.py: they and the order of the attempts change which motion is
 found and how soon. That certificate, over the whole scene, judges each motion before it is returned.
 """
 
@@ -41,7 +41,7 @@ from guidefield.planner.schedule import (
     schedule_at_any_rate,
     schedule_at_one_rate,
 )
-from guidefield.planner.slices import SCHEDULE, WAYS, Slices, find_free_from, find_free_until
+from guidefield.planner.slices import PATH_SEARCH, SCHEDULE, Slices, find_free_from, find_free_until
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stages, make_ending_at_rest
 from guidefield.planner.task.trace import Note
@@ -63,7 +63,7 @@ def reach_among_movers(
     search, finished = _Search(problem, goals, stages), None
     if not problem.path_constraints:
         finished = search.by_quick_paths(through) or search.by_detours(through)
-    finished = finished or search.by_thorough_ways(through)
+    finished = finished or search.by_thorough_paths(through)
     if finished is not None:
         return finished
     return search.failed()
@@ -96,7 +96,7 @@ def keep_schedule(
 
 @dataclass(frozen=True)
 class _Estimate:
-    way: HeldPath
+    path: HeldPath
     arrival: float  # [s]
 
 
@@ -123,7 +123,7 @@ class _Search:
         return self._problem.at(self._problem.scene.end)
 
     def by_quick_paths(self, through: Through) -> CertifiedMotion | None:
-        """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
+        """The motion along the path that is arrived on first, of those that a few motions find; None without any."""
         with self._stages.entered("connect", "ways to the goal, and when each can be gone") as stage:
             estimates = list(self._estimates(find_quick_paths(self._problem, through)))
             stage.outcome = f"{len(estimates)} ways can be gone"
@@ -134,8 +134,8 @@ class _Search:
         if self.leave_by[0] == np.inf or self._problem.deadline.expired():
             return None
         with self._stages.entered("connect", "ways by places to wait at") as stage:
-            ways = find_detours(self._problem, through, self._slices, self.leave_by[0])
-            estimates = list(self._estimates(ways))
+            paths = find_detours(self._problem, through, self._slices, self.leave_by[0])
+            estimates = list(self._estimates(paths))
             stage.outcome = f"{len(estimates)} ways can be gone"
         return self._first(estimates)
 
@@ -144,21 +144,21 @@ class _Search:
             if self._problem.deadline.expired():
                 return None
             arrival = self._problem.began + estimate.arrival
-            self._problem.tell(Note(f"a way {estimate.way.name} may arrive at {arrival:.2f} s"))
-            if (finished := self._along(estimate.way)) is not None:
+            self._problem.tell(Note(f"a way {estimate.path.name} may arrive at {arrival:.2f} s"))
+            if (finished := self._along(estimate.path)) is not None:
                 return finished
         return None
 
-    def by_thorough_ways(self, through: Through) -> CertifiedMotion | None:
-        """The motion along the way of the planner among obstacles at rest; None if there is none."""
+    def by_thorough_paths(self, through: Through) -> CertifiedMotion | None:
+        """The motion along the path of the planner among obstacles at rest; None if there is none."""
         if self._problem.deadline.expired():
             return None
         resting, words = self._resting, "to the goal, among the obstacles once they rest"
         crossed, goals = through(resting, PathSoFar.at_start(resting), True)
-        found_ways: Iterable[PathSoFar] = (crossed,)
+        found_paths: Iterable[PathSoFar] = (crossed,)
         if goals is not None and crossed.failure is None:
-            found_ways = connections(resting, crossed, goals, self._stages, words)
-        for found in found_ways:
+            found_paths = connections(resting, crossed, goals, self._stages, words)
+        for found in found_paths:
             if found.failure is not None:
                 self._ending = self._ending or found.failure
                 return None
@@ -204,50 +204,50 @@ class _Search:
         time = problem.began + problem.scene.end
         return Ending(Status.PLANNING_FAILED, message, {"stage": "connect", "pair": pair, "time": time})
 
-    def _estimates(self, ways: Iterator[HeldPath]) -> Iterator[_Estimate]:
-        """Those of some ways that have a schedule, each way once.
+    def _estimates(self, paths: Iterator[HeldPath]) -> Iterator[_Estimate]:
+        """Those of some paths that have a schedule, each path once.
 
         They end once one is hindered by nothing but a goal that isn't free yet, several in a row arrive no sooner, or
         a share of the time is up.
         """
-        deadline, known = self._problem.deadline.share(WAYS.share), set[tuple[bytes, bool]]()
+        deadline, known = self._problem.deadline.share(PATH_SEARCH.share), set[tuple[bytes, bool]]()
         step, best, in_vain = choose_step(self._problem.group), np.inf, 0
-        for way in ways:
-            key = way.found.path.tobytes(), way.at_rest
-            if len(remove_repetitions(way.found.path)) == 1 or key in known or not self._ends_free(way):
+        for held in paths:
+            key = held.found.path.tobytes(), held.at_rest
+            if len(remove_repetitions(held.found.path)) == 1 or key in known or not self._ends_free(held):
                 continue
             known.add(key)
             if self._problem.motion_limits:  # they may let it be many times as slow
-                motion = time_path(way.problem, way.found.path)
+                motion = time_path(held.problem, held.found.path)
             else:
-                motion = time_through_planes(way.problem, way.found, way.found.path)
-            chosen = self._earliest(motion, self._occupancy(motion, at_rest=way.at_rest), WAYS.rooms)
+                motion = time_through_planes(held.problem, held.found, held.found.path)
+            chosen = self._earliest(motion, self._occupancy(motion, at_rest=held.at_rest), PATH_SEARCH.rooms)
             if not chosen and deadline.expired():
                 return
             if not chosen:
                 continue
             arrival = chosen[0].arrival
-            yield _Estimate(way, arrival)
+            yield _Estimate(held, arrival)
             soonest = 0.0 if self._goals is None else min(map(self._from, self._goals))
-            unhindered = WAYS.unhindered * max(motion.duration, soonest) + step
+            unhindered = PATH_SEARCH.unhindered * max(motion.duration, soonest) + step
             best, in_vain = (arrival, 0) if arrival < best - step else (best, in_vain + 1)
-            if arrival <= unhindered or in_vain == WAYS.patience or deadline.expired():
+            if arrival <= unhindered or in_vain == PATH_SEARCH.patience or deadline.expired():
                 return
 
-    def _ends_free(self, way: HeldPath) -> bool:
+    def _ends_free(self, held: HeldPath) -> bool:
         if self._goals is not None:
             return True
-        return bool(are_free(self._resting, way.found.path[-1:])[0])
+        return bool(are_free(self._resting, held.found.path[-1:])[0])
 
-    def _along(self, way: HeldPath) -> CertifiedMotion | None:
+    def _along(self, held: HeldPath) -> CertifiedMotion | None:
         made, soonest = None, -np.inf
-        if not way.detour:
-            optimised = finish(way.problem, way.found, self._stages)
-            made = self.scheduled(optimised, at_rest=way.at_rest)
+        if not held.detour:
+            optimised = finish(held.problem, held.found, self._stages)
+            made = self.scheduled(optimised, at_rest=held.at_rest)
             soonest = soonest if optimised.trajectory is None else optimised.trajectory.duration
         is_as_found = made is None
         if made is None and not self._problem.deadline.expired():
-            made, soonest = self._as_found(way), -np.inf
+            made, soonest = self._as_found(held), -np.inf
         if made is None or made.trajectory is None:
             return None
         motion, distance = made.trajectory, SCHEDULE.distance + self._problem.min_clearance
@@ -258,13 +258,13 @@ class _Search:
         better = self._improve(made)
         if better is not None or is_as_found or self._problem.deadline.expired():
             return better or made
-        found = self._as_found(way)  # its schedule may be sooner than that of the optimised shape
+        found = self._as_found(held)  # its schedule may be sooner than that of the optimised shape
         if found is None or found.trajectory is None or found.trajectory.times[-1] >= motion.times[-1]:
             return made
         return self._improve(found) or found
 
-    def _as_found(self, way: HeldPath) -> CertifiedMotion | None:
-        return self.scheduled(certify_found_path(way.problem, way.found, self._stages), at_rest=way.at_rest)
+    def _as_found(self, held: HeldPath) -> CertifiedMotion | None:
+        return self.scheduled(certify_found_path(held.problem, held.found, self._stages), at_rest=held.at_rest)
 
     def _improve(self, made: CertifiedMotion) -> CertifiedMotion | None:
         """A scheduled motion optimised among what moves; None where that is no better."""

@@ -1,8 +1,8 @@
 """Connect to goals and planes; find paths as if moving obstacles were gone, or stood where they are at chosen times.
 
 `goal_among_movers.py` schedules and certifies the paths, `plan.py` and it the connections: the order of holdings and
-the shares of time (here, and `WAYS` of slices.py) change which is found, not what is free. A holding's draw seeds
-its search, so a new one belongs at the end.
+the shares of time (here, and `PATH_SEARCH` of slices.py) change which is found, not what is free. A holding's draw
+seeds its search, so a new one belongs at the end.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from guidefield.planner.connect import Connection, Keeper, connect, connect_cons
 from guidefield.planner.ends import UNREACHED, find_tip_points
 from guidefield.planner.guide.guide import inset_of
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.slices import WAYS, Slices, build_held_world
+from guidefield.planner.slices import PATH_SEARCH, Slices, build_held_world
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stage, StageFailed, Stages
 from guidefield.planner.task.trace import Note
@@ -135,7 +135,7 @@ def _in_part_of_the_time(problem: Problem) -> Problem:
 
 @dataclass(frozen=True, eq=False)
 class HeldPath(ReadOnly):
-    """A way to a goal among obstacles that are held."""
+    """A path to a goal among obstacles that are held."""
 
     name: str  # how the obstacles are held, in words
     problem: Problem  # among these obstacles
@@ -150,7 +150,7 @@ returns it with the goals (m, nv) after them, None where the last plane is the g
 
 
 def find_quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:
-    """Ways that a few motions find, one after the other, through the guide planes to goals.
+    """Paths that a few motions find, one after the other, through the guide planes to goals.
 
     Obstacles that bar the planes where they are at a time do so wherever they are until later.
     """
@@ -186,12 +186,12 @@ def _reach_goal(
     free = goals[~among.batch.touching(goals, among.min_clearance)]
     here = found.path[-1]
     near = np.array([among.group.unwrapped(goal, here) for goal in free])
-    way = find_quickest_path(among, here, near, rng) if len(near) else None
-    return None if way is None else found.extend(way.path, proven=False, others=way.others)
+    quickest = find_quickest_path(among, here, near, rng) if len(near) else None
+    return None if quickest is None else found.extend(quickest.path, proven=False, others=quickest.others)
 
 
 def find_detours(problem: Problem, through: Through, slices: Slices, since: float) -> Iterator[HeldPath]:
-    """Ways by places to wait at, where the robot can't stay from a time on [s]; those that are free longest first."""
+    """Paths by places to wait at, where the robot can't stay from a time on [s]; those that are free longest first."""
     rng, among, last = np.random.default_rng([problem.seed, 6]), _among(problem, {}), problem.at(problem.scene.end)
     places = _places(among, rng)
     if not len(places):
@@ -201,7 +201,7 @@ def find_detours(problem: Problem, through: Through, slices: Slices, since: floa
         if problem.deadline.expired():
             return
         blocked += slices.touching(index, places)
-    for place in places[np.argsort(blocked, kind="stable")[: WAYS.detours]]:
+    for place in places[np.argsort(blocked, kind="stable")[: PATH_SEARCH.detours]]:
         if problem.deadline.expired():
             return
         there = find_quickest_path(among, problem.z_start, place[None], rng)
@@ -214,8 +214,8 @@ def find_detours(problem: Problem, through: Through, slices: Slices, since: floa
 
 
 def _places(among: Problem, rng: np.random.Generator) -> LocalPoints:
-    group, half = among.group, WAYS.places // 2
-    noise = rng.normal(scale=WAYS.deviation, size=(half, group.nv)) * group.units
+    group, half = among.group, PATH_SEARCH.places // 2
+    noise = rng.normal(scale=PATH_SEARCH.deviation, size=(half, group.nv)) * group.units
     anywhere = np.array([group.to_local(group.random(rng)) for _ in range(half)])
     drawn = np.clip(np.concatenate([among.z_start + noise, anywhere]), group.lower, group.upper)
     free: LocalPoints = drawn[~among.batch.touching(drawn, among.min_clearance)]
@@ -245,13 +245,13 @@ def _hold_obstacles(problem: Problem) -> Iterator[_Holding]:
 
     yield _Holding("among what rests", alone)
     yield _Holding("where they come to rest", hold(end), end, at_rest=True)
-    for share in WAYS.moments:
+    for share in PATH_SEARCH.moments:
         yield _Holding(f"where they are at {problem.began + share * end:.2f} s", hold(share * end), share * end)
-    times = (np.arange(WAYS.swept) + 0.5) / WAYS.swept
+    times = (np.arange(PATH_SEARCH.swept) + 0.5) / PATH_SEARCH.swept
     for until in (0.5 * end, end):
         among = _among(problem, dict.fromkeys(moving, (until * times).tolist()))
         yield _Holding(f"wherever they are until {problem.began + until:.2f} s", among, until, swept=True)
-    for _ in range(WAYS.draws - 1):
+    for _ in range(PATH_SEARCH.draws - 1):
         yield _Holding("among what rests, again", alone)
 
 

@@ -75,12 +75,12 @@ def leave_contacts(problem: Problem, stages: Stages) -> LeftContact | None:
                 raise _make_refusal(one, f"deeper than the {1000 * SLIGHT_DEPTH:.0f} mm that can be planned away from")
         start, group = problem.z_start, problem.group
         rng = np.random.default_rng([problem.seed, 3])
-        ways = _WaysOut(problem, contacts)
+        exits = _ContactExits(problem, contacts)
         for length in WAY_OUT_LENGTHS:
             for direction in rng.normal(size=(DIRECTIONS, group.nv)):
-                way = length * direction / np.linalg.norm(direction) * group.sizes
-                end = np.clip(start + way, group.lower, group.upper)
-                if (motion := ways.along(end)) is not None:
+                offset = length * direction / np.linalg.norm(direction) * group.sizes
+                end = np.clip(start + offset, group.lower, group.upper)
+                if (motion := exits.along(end)) is not None:
                     stage.outcome = f"{length:g} rad lead out of the contact"
                     return LeftContact(motion, contacts)
             if problem.deadline.expired():
@@ -107,7 +107,7 @@ def join_way_out(left: LeftContact, rest: CertifiedMotion) -> CertifiedMotion:
     )
 
 
-class _WaysOut:
+class _ContactExits:
     def __init__(self, problem: Problem, contacts: tuple[Contact, ...]) -> None:
         self._problem = problem
         self._distances = measure_distances(problem.world, touching_pairs(problem.world, contacts))
@@ -224,7 +224,7 @@ def split_where_left(
 
 
 def _place(motion: SubmittedMotion, piece: int, share: float) -> LocalPoint:
-    """A place on a motion (nv,); of steps on the straight way between both."""
+    """A place on a motion (nv,); of steps on the straight path between both."""
     return point_on((motion.straight if motion.kind is CurveKind.STEPS else motion.pieces)[piece], share)
 
 

@@ -40,7 +40,7 @@ class CrossedPlanes(ReadOnly):
     """The guide planes that an optimised motion crosses."""
 
     passages: tuple[Passage, ...]
-    on_way: tuple[int, ...]  # index of the guide plane of each passage
+    passage_planes: tuple[int, ...]  # index of the guide plane of each passage
     # by index of each other guide plane that was reached, the knot that stays on it: the first or the last
     at_ends: Mapping[int, int]
 
@@ -62,7 +62,7 @@ class CrossedPlanes(ReadOnly):
         """By index of each guide plane, the knot of a trajectory that is on it."""
         last = len(trajectory.times) - 1
         at_ends = {plane: 0 if at == 0 else last for plane, at in self.at_ends.items()}
-        return at_ends | dict(zip(self.on_way, passed, strict=True))
+        return at_ends | dict(zip(self.passage_planes, passed, strict=True))
 
 
 GAINED = 0.03
@@ -239,7 +239,7 @@ def _time_within_limits(
 ) -> Iterator[tuple[Trajectory, dict[int, int]]]:
     """A motion as fast as it may go, if it doesn't arrive too soon then; and as it is, if it is within its limits.
 
-    With its knots on guide planes. For limits beside those of rates it is timed anew along its way as well.
+    With its knots on guide planes. For limits beside those of rates it is timed anew along its path as well.
     """
     begin, rates = float(motion.times[0]), limits_of(problem)
     knots = (motion.times - begin, motion.positions, motion.velocities)

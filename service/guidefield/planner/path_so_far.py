@@ -40,7 +40,7 @@ from guidefield.robot.model.joints import LocalCurves, LocalPoint, LocalPoints, 
 CURVE_SPACING = 0.3
 
 RETIMED_SAMPLES = 513  # samples by which lengths along a motion are measured that is timed anew
-RETIMED_PLACES = 129  # places on its way, evenly by length
+RETIMED_PLACES = 129  # places on its path, evenly by length
 RETIMED_FINER = 2  # times as many pieces as along a path
 
 
@@ -87,9 +87,9 @@ def _time_within(problem: Problem, path: LocalPoints, limits: Limits, finer: int
 
 
 def retime_motion(problem: Problem, motion: Trajectory) -> BSpline | None:
-    """The fastest motion along the way of another one from rest to rest; None where that goes nowhere.
+    """The fastest motion along the path of another one from rest to rest; None where that goes nowhere.
 
-    It leaves the way a little where that bends, the less the shorter its pieces are: see `timing`.
+    It leaves the path a little where that bends, the less the shorter its pieces are: see `timing`.
     """
     times = np.linspace(motion.times[0], motion.times[-1], RETIMED_SAMPLES)
     points = cast(LocalPoints, motion.evaluate(times)[0] / problem.group.sizes)
@@ -130,7 +130,7 @@ class PathSoFar(ReadOnly):
     # by index of each guide plane that was reached, its index in `path`
     crossings: Mapping[int, int] = field(default_factory=dict)
     proven: bool = True  # whether its straight pieces are certified, not only free at samples
-    # other ways from the same start to a goal, shape (n, nv) each, free at samples: they may prove quicker
+    # other paths from the same start to a goal, shape (n, nv) each, free at samples: they may prove quicker
     others: tuple[LocalPoints, ...] = ()
     failure: Ending | None = None  # why the stage after it found nothing; None while none failed
 
@@ -140,8 +140,8 @@ class PathSoFar(ReadOnly):
         return cls(problem.z_start[None])
 
     def extend(self, points: LocalPoints, *, proven: bool = True, others: tuple[LocalPoints, ...] = ()) -> PathSoFar:
-        """Gone on from where the path ends, along points (n, nv) that begin there, and along other ways (n, nv)."""
-        path, *rest = (np.concatenate([self.path, way[1:]]) for way in (points, *others))
+        """Gone on from where the path ends, along points (n, nv) that begin there, and along other paths (n, nv)."""
+        path, *rest = (np.concatenate([self.path, onward[1:]]) for onward in (points, *others))
         return dataclasses.replace(self, path=path, proven=self.proven and proven, others=tuple(rest))
 
     def with_plane_reached(self, index: int) -> Self:

@@ -106,7 +106,7 @@ def find_goals_behind_planes(
 ) -> tuple[PathSoFar, LocalPoints]:
     """Points (m, nv) that reach the goal's pose, searched for from where the guided planner gets, and the motion.
 
-    The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
+    The guided planner goes on to a small square about the goal's place, across the path there: among obstacles, the
     configuration it arrives at is one that fits there, and the pose is searched for next to it. There are none where it
     failed, with one of `ends.UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
     """
@@ -124,10 +124,10 @@ def find_goals_behind_planes(
 
 
 def _make_square(problem: Problem, here: LocalPoint, place: np.ndarray) -> GuidePlane:
-    """A square as small as the tip's body allows, about a place (3,), across the straight way of the tip there."""
-    way = place - problem.kinematics.tip_position(problem.group.expand_from_local(here))
-    length = float(np.linalg.norm(way))
-    across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
+    """A square as small as the tip's body allows, about a place (3,), across the straight path of the tip there."""
+    offset = place - problem.kinematics.tip_position(problem.group.expand_from_local(here))
+    length = float(np.linalg.norm(offset))
+    across = axes_across(offset / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
     half = SQUARE * max(tip_radius(problem.group), 1e-3)
     corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     vertices = [tuple(vertex) for vertex in (place + corners @ across).tolist()]
@@ -226,7 +226,7 @@ def _plan_from_start(
 def _cross_planes(
     problem: Problem, goals: LocalPoints | None, planner: Planner, attempts: Sequence[Attempt], stages: Stages
 ) -> Through:
-    """The way through a problem's guide planes, among its obstacles or some of them, to the goals after them."""
+    """The path through a problem's guide planes, among its obstacles or some of them, to the goals after them."""
 
     def through(among: Problem, found: PathSoFar, thoroughly: bool) -> tuple[PathSoFar, LocalPoints | None]:
         behind, tried = goals, attempts if thoroughly else attempts[:1]

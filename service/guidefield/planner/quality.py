@@ -1,4 +1,4 @@
-"""Measure a motion: its distances from everything along the way, its length and its smoothness.
+"""Measure a motion: its distances from everything along the path, its length and its smoothness.
 
 The constants decide what a figure of a reply means; messages state `END_LENGTH` and `LAST_SEARCH_S`. How many samples
 there are changes `mean`, `smoothness`, the recorded profile, and the depth of a motion in contact; smallest distances
@@ -22,11 +22,11 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.timing.travel import (
     IN_LOCAL,
+    LENGTHS,
     OF_FRAME,
-    WAYS,
+    path_lengths,
     squared_turns,
     travelled,
-    way_lengths,
     when_travelled,
 )
 from guidefield.memo import MISSING, Answers, memoized
@@ -112,7 +112,7 @@ class Clearance(ReadOnly):
     """Distances along a motion: the smallest, exact over its whole length, and samples."""
 
     obstacle: SmallestDistance
-    inner: SmallestDistance | None  # the same less `END_LENGTH` of the way at each end; None if nothing is left
+    inner: SmallestDistance | None  # the same less `END_LENGTH` of the path at each end; None if nothing is left
     own: SmallestDistance
     times: np.ndarray  # of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move
     lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad, or m at size 1]
@@ -148,12 +148,11 @@ class Figures:
     """Length, duration and smoothness of a motion."""
 
     joint_path_length: float  # length in local coordinates [rad or m]
-    tip_path_length: float  # length of the tip's way [m]
+    tip_path_length: float  # length of the tip's path [m]
     duration: float  # [s]
     peak_jerk: float  # largest jerk within a piece of the trajectory [rad/s^3 or m/s^3]
-    smoothness: (
-        float  # bending energy of the way in local coordinates times its length, dimensionless; 0 for a straight motion
-    )
+    # bending energy of the path in local coordinates times its length, dimensionless; 0 for a straight motion
+    smoothness: float
 
 
 UNMEASURED = "time was up before distances were measured: `clearance` and `self_clearance` are left out"
@@ -325,12 +324,12 @@ def _with_enclosure(found: SmallestDistance, inside: list[int], time: float, wor
 
 def measure_figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     """Length, duration and smoothness of a trajectory."""
-    steps, lengths = 4 * math.ceil(max(1.0, 0.25 * LENGTH_STEPS / max(1, len(trajectory.times) - 1))), np.empty(WAYS)
-    way_lengths(*trajectory.tables, kinematics.tip, steps, LENGTH_SHARE, LENGTH_LEVELS, lengths)
-    way = measure_travel(trajectory, tuple(kinematics.group.sizes.tolist()))
+    steps, lengths = 4 * math.ceil(max(1.0, 0.25 * LENGTH_STEPS / max(1, len(trajectory.times) - 1))), np.empty(LENGTHS)
+    path_lengths(*trajectory.tables, kinematics.tip, steps, LENGTH_SHARE, LENGTH_LEVELS, lengths)
+    path = measure_travel(trajectory, tuple(kinematics.group.sizes.tolist()))
     bending = 0.0  # the integral of the squared curvature by length, times the length
-    if way.length > 0.0 and len(way.evenly) > 2:
-        bending = squared_turns(way.pieces, way.begins, way.evenly) / way.stride * way.length
+    if path.length > 0.0 and len(path.evenly) > 2:
+        bending = squared_turns(path.pieces, path.begins, path.evenly) / path.stride * path.length
     return Figures(
         joint_path_length=float(lengths[IN_LOCAL]),
         tip_path_length=float(lengths[OF_FRAME]),
@@ -367,27 +366,27 @@ def measure_travel(trajectory: TimedMotion, sizes: tuple[float, ...]) -> Travell
     length = float(lengths[-1])
     count = min(max(math.ceil(length / SAMPLE_SPACING) + 1, 2), MAX_SAMPLES)
     evenly = np.linspace(0.0, length, count)
-    way = TravelledPath(
+    path = TravelledPath(
         cast(LocalCurves, pieces), begins, times, lengths, float(evenly[1]), np.interp(evenly, lengths, times)
     )
-    read_only(*way)
-    return way
+    read_only(*path)
+    return path
 
 
 def _choose_samples(
     trajectory: TimedMotion, problem: Conditions
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
-    """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
-    way, inside = measure_travel(trajectory, tuple(problem.group.sizes.tolist())), None
-    if way.length > 2.0 * END_LENGTH:
-        ends = np.array([END_LENGTH, way.length - END_LENGTH])
-        when_travelled(way.pieces, way.begins, way.times, way.lengths, TIMES_BETWEEN, ends)
+    """Times of samples, the distances travelled by then, and between which times the inner path is, if there is one."""
+    path, inside = measure_travel(trajectory, tuple(problem.group.sizes.tolist())), None
+    if path.length > 2.0 * END_LENGTH:
+        ends = np.array([END_LENGTH, path.length - END_LENGTH])
+        when_travelled(path.pieces, path.begins, path.times, path.lengths, TIMES_BETWEEN, ends)
         inside = (float(ends[0]), float(ends[1]))
-    times = way.evenly.copy()
-    if problem.scene.moves or way.length <= 0.0:
+    times = path.evenly.copy()
+    if problem.scene.moves or path.length <= 0.0:
         count = max(len(times), int(np.ceil(trajectory.duration * SAMPLE_RATE_HZ)) + 1)
-        times = np.linspace(way.times[0], way.times[-1], min(count, MAX_SAMPLES))
-    times[[0, -1]] = way.times[[0, -1]]
+        times = np.linspace(path.times[0], path.times[-1], min(count, MAX_SAMPLES))
+    times[[0, -1]] = path.times[[0, -1]]
     if not (times[1:] > times[:-1]).all():
         times = np.unique(times)
-    return times, np.interp(times, way.times, way.lengths), inside
+    return times, np.interp(times, path.times, path.lengths), inside

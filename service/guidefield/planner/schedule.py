@@ -54,8 +54,8 @@ class Occupancy:
         free_at_rest: bool,
     ) -> None:
         self._times = np.linspace(motion.times[0], motion.times[-1], SCHEDULE.fine * len(motion.times) + 2)
-        way = np.linalg.norm(np.diff(motion.evaluate(self._times)[0], axis=0) / group.units, axis=1)
-        travelled = np.r_[0.0, np.cumsum(way)]
+        moves = np.linalg.norm(np.diff(motion.evaluate(self._times)[0], axis=0) / group.units, axis=1)
+        travelled = np.r_[0.0, np.cumsum(moves)]
         self.count = int(np.clip(math.ceil(travelled[-1] * SCHEDULE.resolution) + 1, 3, SCHEDULE.most_cells))
         along = travelled / travelled[-1] if travelled[-1] > 0.0 else np.linspace(0.0, 1.0, len(travelled))
         self._cells = along * (self.count - 1)
@@ -318,8 +318,8 @@ def _trace(motion: Trajectory, step: float, steps: int, place: int, rate: int, p
         change = int(parents[at, place, rate])
         place, rate = place - 2 * rate + change, rate - change
         rates.append(rate)
-    way = (steps - at + last) * step
-    return Schedule(motion, at * step, way, step, np.array(rates[::-1]) / SCHEDULE.rates)
+    duration = (steps - at + last) * step
+    return Schedule(motion, at * step, duration, step, np.array(rates[::-1]) / SCHEDULE.rates)
 
 
 def find_leaving(

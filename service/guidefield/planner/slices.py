@@ -1,9 +1,10 @@
 """Moving obstacles as obstacles at rest: copies over each slice of time, or standing where they are at chosen times.
 
-`SCHEDULE` and `WAYS` are the settings of schedules and of paths among what moves (`schedule.py`, goal_among_movers.py,
-held_paths.py): larger counts and finer slices find more, and take longer; but finer rates and steps reach `most_steps`
-and `most_states` sooner, and then find less. service/docs/algorithm.md has `rates` and `slice_length`. Schedules are
-proposals to the certificate; until when a place is free is its own verdict (`find_free_until`, `find_free_from`).
+`SCHEDULE` and `PATH_SEARCH` are the settings of schedules and of paths among what moves (`schedule.py`,
+goal_among_movers.py, held_paths.py): larger counts and finer slices find more, and take longer; but finer rates and
+steps reach `most_steps` and `most_states` sooner, and then find less. service/docs/algorithm.md has `rates` and
+`slice_length`. Schedules are proposals to the certificate; until when a place is free is its own verdict
+(`find_free_until`, `find_free_from`).
 """
 
 from __future__ import annotations
@@ -77,25 +78,25 @@ SCHEDULE = ScheduleSettings()
 
 
 @dataclass(frozen=True)
-class WaySettings:
-    """The settings of the ways along which schedules are searched for."""
+class PathSearchSettings:
+    """The settings of the paths along which schedules are searched for."""
 
-    # shares of the time until all obstacles rest, at which they are held for a way among them. A choice
+    # shares of the time until all obstacles rest, at which they are held for a path among them. A choice
     moments: tuple[float, ...] = (0.0, 0.33, 0.67)
-    swept: int = 8  # moments of a motion at which each obstacle represents a way round it. A choice
-    draws: int = 3  # ways among what rests alone. A choice
+    swept: int = 8  # moments of a motion at which each obstacle represents a path round it. A choice
+    draws: int = 3  # paths among what rests alone. A choice
     places: int = 256  # random places that are examined, where the robot has to wait elsewhere. A choice
     # how far from the start half of them lie, as a standard deviation [rad, or the group's unit of length]. A choice
     deviation: float = 0.7
-    detours: int = 12  # by how many of them a way is tried. A choice
-    rooms: tuple[float, ...] = (0.85,)  # as those of a schedule, where a way is but estimated. A choice
-    share: float = 0.5  # of the time left for ways that a few motions find. A choice
-    # a way of at most this times the time without obstacles, or until a goal stays free, ends the looking. A choice
+    detours: int = 12  # by how many of them a path is tried. A choice
+    rooms: tuple[float, ...] = (0.85,)  # as those of a schedule, where a path is but estimated. A choice
+    share: float = 0.5  # of the time left for paths that a few motions find. A choice
+    # a path of at most this times the time without obstacles, or until a goal stays free, ends the search. A choice
     unhindered: float = 1.05
-    patience: int = 4  # this many ways in a row that arrive no sooner, by a step, end it as well. A choice
+    patience: int = 4  # this many paths in a row that arrive no sooner, by a step, end it as well. A choice
 
 
-WAYS = WaySettings()
+PATH_SEARCH = PathSearchSettings()
 
 
 Moments = Mapping[int, Sequence[float]]
@@ -223,10 +224,10 @@ class Slices:
         size = self._problem.group.size
         moments, moves = {}, 0.0
         for mover, ball in self._balls.items():
-            way = 0.5 * self._speed(mover, ball, begin, end) * length if moving else 0.0
-            copies = int(np.clip(math.ceil(way / (together * SCHEDULE.finest * size)), 1, SCHEDULE.most_copies))
+            travel = 0.5 * self._speed(mover, ball, begin, end) * length if moving else 0.0
+            copies = int(np.clip(math.ceil(travel / (together * SCHEDULE.finest * size)), 1, SCHEDULE.most_copies))
             moments[mover] = (begin + (np.arange(copies) + 0.5) / copies * length).tolist()
-            moves = max(moves, way / copies)
+            moves = max(moves, travel / copies)
         if moving:
             kept += MARGIN * size + moves
         return BatchCollision.build(_world(self._problem, moments, np.empty((0, 2), np.int64))), kept

@@ -93,9 +93,9 @@ class Sources(ReadOnly):
         least, largest = np.full(len(low), np.inf), np.full(len(low), -np.inf)
         for start in starts:
             for goal in goals:
-                way = goal - start
-                distance = float(np.linalg.norm(way))
-                along = (way / max(distance, 1e-12)) ** 2
+                offset = goal - start
+                distance = float(np.linalg.norm(offset))
+                along = (offset / max(distance, 1e-12)) ** 2
                 spare = max(length * length - distance * distance, 0.0)
                 reach = 0.5 * np.sqrt(length * length * along + spare * (1.0 - along))
                 least, largest = (
@@ -159,7 +159,7 @@ def _steps(count: int) -> np.ndarray:
 class FoundPath(ReadOnly):
     """The result of a search."""
 
-    # local coordinates (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none
+    # local coordinates (n, nv) from a start to a goal, angles unwrapped along the path; None if there is none
     path: LocalPoints | None
     counters: np.ndarray
     search: tree_nodes.TreeSearch

@@ -232,7 +232,7 @@ class GuidePlane:
     """A convex, flat polygon.
 
     The *inset* polygon holds the points of the polygon that are at least a given distance from its edges [m]. An inset
-    beyond the inradius represents the inradius: the rest then is the deepest point, or the deepest stretch.
+    beyond the inradius represents the inradius: the rest then is the deepest point, or the deepest line segment.
     """
 
     name: str

@@ -177,27 +177,27 @@ def draw_sides(count: int, speeds: np.ndarray) -> np.ndarray:
     return sides
 
 
-def choose_sides(batch: BatchCollision, drifting: DriftingObstacles, way: TimedPath, drawn: np.ndarray) -> np.ndarray:
+def choose_sides(batch: BatchCollision, drifting: DriftingObstacles, path: TimedPath, drawn: np.ndarray) -> np.ndarray:
     """Choose sidesteps from a path: `drawn` (k, nv), back, and away from obstacles that come close; shape (d, nv)."""
-    back, speeds, near = way.at(0.0) - way.at(STREAM.back), way.speeds, STREAM.pressed * batch.world.group.size
+    back, speeds, near = path.at(0.0) - path.at(STREAM.back), path.speeds, STREAM.pressed * batch.world.group.size
     directions = [back / speeds]
     for after, place in STREAM.sidesteps:
         boxes = drifting.after(after)
-        directions.append(-speeds * pressure_slope(batch, boxes, way.at(place), near))
+        directions.append(-speeds * pressure_slope(batch, boxes, path.at(place), near))
     largest = [float(np.abs(one).max()) for one in directions]
     led = [STREAM.step * speeds * one / most for one, most in zip(directions, largest, strict=True) if most > 0.0]
     return np.concatenate([drawn, np.array(led).reshape(-1, len(speeds))])
 
 
 def build_tube(
-    way: TimedPath, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[LocalPoints], np.ndarray], foreseen: int
+    path: TimedPath, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[LocalPoints], np.ndarray], foreseen: int
 ) -> Tube:
     """The tube about a path with sides (d, nv), for a given number of steps.
 
     `taken` says of local coordinates (n, nv) whether the robot can't be there, (n,).
     """
-    places = [way.at(min(STREAM.step * k, way.length)) for k in range(math.ceil(way.length / STREAM.step) + 1)]
-    places.extend([way.goal] * STREAM.stays)
+    places = [path.at(min(STREAM.step * k, path.length)) for k in range(math.ceil(path.length / STREAM.step) + 1)]
+    places.extend([path.goal] * STREAM.stays)
     rows: LocalPoints = np.array(places)
     steps = np.arange(1, STREAM.levels + 1)
     offsets = (sides[:, None] * steps[:, None]).reshape(-1, rows.shape[1])
@@ -208,7 +208,7 @@ def build_tube(
 
 
 def schedule_path(
-    batch: BatchCollision, drifting: DriftingObstacles, kept: np.ndarray, tube: Tube, way: TimedPath, foreseen: int
+    batch: BatchCollision, drifting: DriftingObstacles, kept: np.ndarray, tube: Tube, path: TimedPath, foreseen: int
 ) -> ScheduledPath:
     """Find the cheapest timed path in a tube, with the rest of the path behind it.
 
@@ -221,32 +221,32 @@ def schedule_path(
     size = batch.world.group.size
     wanted = read_only_views(KeptClearances(kept, STREAM.widening * size, STREAM.dear / size))
     rows, cost = find_schedule(batch.words, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
-    points, times = _along(way, tube, steps[:rows], reached[:rows])
+    points, times = _along(path, tube, steps[:rows], reached[:rows])
     while len(points) > 2 and (points[-2] == points[-1]).all():
         points, times = points[:-1], times[:-1]
     times[-1] = times[-2] + float((np.abs(points[-1] - points[-2]) / tube.speeds).max())
     return ScheduledPath(float(cost), points, times)
 
 
-def _along(way: TimedPath, tube: Tube, steps: LocalPoints, reached: np.ndarray) -> tuple[LocalPoints, np.ndarray]:
+def _along(path: TimedPath, tube: Tube, steps: LocalPoints, reached: np.ndarray) -> tuple[LocalPoints, np.ndarray]:
     """The points and times of a schedule, with the corners of the path between them: straight past them isn't free."""
     places, columns = np.divmod(reached, tube.taken.shape[1])
-    at = np.minimum(tube.step * places, way.length)
+    at = np.minimum(tube.step * places, path.length)
     points, times = [steps[:1]], [np.zeros(1)]
     for i in range(1, len(steps)):
         if columns[i - 1] == columns[i] == 0 and at[i - 1] != at[i]:
-            passed = np.flatnonzero((way.begins > min(at[i - 1], at[i])) & (way.begins < max(at[i - 1], at[i])))
+            passed = np.flatnonzero((path.begins > min(at[i - 1], at[i])) & (path.begins < max(at[i - 1], at[i])))
             passed = passed if at[i - 1] < at[i] else passed[::-1]
-            points.append(way.points[passed])
-            times.append(tube.step * (i - 1 + (way.begins[passed] - at[i - 1]) / (at[i] - at[i - 1])))
+            points.append(path.points[passed])
+            times.append(tube.step * (i - 1 + (path.begins[passed] - at[i - 1]) / (at[i] - at[i - 1])))
         points.append(steps[i : i + 1])
         times.append(np.array([tube.step * i]))
     since, now = float(at[-1]), tube.step * (len(steps) - 1)
     if columns[-1] > 0:  # from beside the path to its next place
-        now, since = now + tube.step, min(since + tube.step, way.length)
-        points.append(way.at(since)[None])
+        now, since = now + tube.step, min(since + tube.step, path.length)
+        points.append(path.at(since)[None])
         times.append(np.array([now]))
-    ahead = way.begins > since
-    points.append(way.points[ahead])
-    times.append(now + way.begins[ahead] - since)
+    ahead = path.begins > since
+    points.append(path.points[ahead])
+    times.append(now + path.begins[ahead] - since)
     return cast(LocalPoints, np.concatenate(points)), np.concatenate(times)

@@ -140,15 +140,15 @@ class PathPlanner:
         ).path  # fmt: skip
         if found is None:
             return None
-        way = batch.shorten(found, STREAM.resolution, clearance, STREAM.cuts)
-        way[0], way[-1] = z0, self._group.unwrapped(z1, way[-1])
-        return way
+        path = batch.shorten(found, STREAM.resolution, clearance, STREAM.cuts)
+        path[0], path[-1] = z0, self._group.unwrapped(z1, path[-1])
+        return path
 
     def schedule(self, drifting: DriftingObstacles, points: LocalPoints) -> ScheduledPath:
         """Schedule a path (m, nv) among what moves, on it or beside it; with its cost."""
-        way = TimedPath(points, self._speeds)
-        if way.length == 0.0 or not len(drifting.boxes):
-            return ScheduledPath(way.length, points, way.begins)
+        path = TimedPath(points, self._speeds)
+        if path.length == 0.0 or not len(drifting.boxes):
+            return ScheduledPath(path.length, points, path.begins)
         ends = [points[0], points[-1]]
         clearance = self.choose_clearance(STREAM.resting, ends)
 
@@ -159,9 +159,9 @@ class PathPlanner:
         wanted, foreseen = drifting.margins + self.bound_error(ends), math.ceil(STREAM.arriving / STREAM.step)
         kinds = (STREAM.going, STREAM.waiting, STREAM.ending)
         kept = np.array([kept.from_each(drifting.rates, self.size) + wanted for kept in kinds])
-        sides = choose_sides(self.batch, drifting, way, self._sides)
-        tube = build_tube(way, sides, self._speeds, is_taken, foreseen)
-        return schedule_path(self.batch, drifting, kept, tube, way, foreseen)
+        sides = choose_sides(self.batch, drifting, path, self._sides)
+        tube = build_tube(path, sides, self._speeds, is_taken, foreseen)
+        return schedule_path(self.batch, drifting, kept, tube, path, foreseen)
 
     def _among(
         self, drifting: DriftingObstacles, kept: ClearanceRule, z0: LocalPoint, z1: LocalPoint
@@ -192,7 +192,7 @@ class PathPlanner:
 class PlannedPath:
     """The outcome of planning."""
 
-    way: ScheduledPath | None  # the cheapest, or the one that is followed; None: none was found
+    path: ScheduledPath | None  # the cheapest, or the one that is followed; None: none was found
     nowhere: bool  # whether none was found
 
 
@@ -244,16 +244,16 @@ class BackgroundPlanner:
         straight = np.array([z0, z1])
         found: list[LocalPoints] = []
         for kept in STREAM.kept:
-            way = paths.find_path(drifting, kept, z0, z1, seed)
-            if way is None:
+            path = paths.find_path(drifting, kept, z0, z1, seed)
+            if path is None:
                 break  # none that keeps more is found either
-            found.append(way)
+            found.append(path)
         if paths.is_free(NOTHING, STREAM.going, paths.choose_clearance(STREAM.resting, [z0, z1]), straight):
             found.append(straight)
         if not found and followed is None:
             return PlannedPath(None, nowhere=True)
-        ways = [paths.schedule(drifting, way) for way in found]
-        best = min(ways, key=lambda one: one.cost, default=None)
+        scheduled = [paths.schedule(drifting, path) for path in found]
+        best = min(scheduled, key=lambda one: one.cost, default=None)
         if followed is not None:
             before = paths.schedule(drifting, followed)
             if best is None or best.cost > before.cost - max(STREAM.gain, STREAM.gain_share * before.cost):

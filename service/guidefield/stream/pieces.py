@@ -113,10 +113,10 @@ class PieceFinder:
         if cycle.base.at_goal and cycle.base.goal == cycle.state.goal:
             cycle.reason = "at_goal"
             return None
-        way = self._update_way(cycle, pursuit, still.ends)
+        path = self._update_path(cycle, pursuit, still.ends)
         since = pursuit.place
         for share in STREAM.speeds:
-            aim = way.aim(still.ends, since, STREAM.ahead * share, way.due(cycle.begins + STREAM.early))
+            aim = path.aim(still.ends, since, STREAM.ahead * share, path.due(cycle.begins + STREAM.early))
             pursuit.place = aim.place
             largest = float((np.abs(aim.direction) / self._speeds).max())
             velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
@@ -126,26 +126,26 @@ class PieceFinder:
                     cycle.reason = "at_goal"
                     return None
                 break
-            closing = aim.last is not None and bool((aim.last == way.goal).all())  # then there is nothing to go on to
+            closing = aim.last is not None and bool((aim.last == path.goal).all())  # then there is nothing to go on to
             if self._prove(cycle, commit, reserved=not closing):
                 flees = share <= STREAM.threatened and self._is_threatened(
-                    cycle, commit.ends, way, pursuit.place, share
+                    cycle, commit.ends, path, pursuit.place, share
                 )
-                stays = closing and flees and self._paths.is_goal_free(self._obstacles.drifting(cycle.now), way.goal)
+                stays = closing and flees and self._paths.is_goal_free(self._obstacles.drifting(cycle.now), path.goal)
                 cycle.threatened = flees and not stays
                 return commit, "goal"
         if cycle.verdict is None or pursuit.unfound:
             cycle.reason = "no_way"
         return None
 
-    def _is_threatened(self, cycle: Cycle, end: LocalPoint, way: TimedPath, place: float, share: float) -> bool:
+    def _is_threatened(self, cycle: Cycle, end: LocalPoint, path: TimedPath, place: float, share: float) -> bool:
         """Return whether what is foreseen comes close to a piece's end (nv,), and to where the path leads by then.
 
         The piece ends at a place of the path [s].
         """
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
-        then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
-        places = (end, way.at(max(then, place)))
+        then = min(place + STREAM.foreseen * share, path.due(cycle.now + STREAM.foreseen))
+        places = (end, path.at(max(then, place)))
         near = STREAM.threat * self._group.size
         return bool((measure_pressures(self._paths.batch, boxes, np.array(places), near) > 0.0).all())
 
@@ -210,24 +210,24 @@ class PieceFinder:
         come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
         return gone + come < asked.appear_distance
 
-    def _update_way(self, cycle: Cycle, pursuit: Pursuit, stand: LocalPoint) -> TimedPath:
+    def _update_path(self, cycle: Cycle, pursuit: Pursuit, stand: LocalPoint) -> TimedPath:
         """The path to follow; takes a planned one over, and orders the next one, if it is time."""
         state, goal = cycle.state, self._choose_goal(cycle, pursuit, stand)
         if (ordered := state.ordered) is not None and self._taking.takes(ordered, cycle.now):
             found = ordered.found.result()
             pursuit.unfound = found.nowhere
-            if found.way is not None and self.is_same(ordered.goal, goal):
-                pursuit.follow(TimedPath(found.way.points, self._speeds, ordered.due + STREAM.lag + found.way.times))
+            if found.path is not None and self.is_same(ordered.goal, goal):
+                pursuit.follow(TimedPath(found.path.points, self._speeds, ordered.due + STREAM.lag + found.path.times))
             state.enter(Event.TAKE)
-        if pursuit.way is None or not self.is_same(pursuit.way.goal, goal):
+        if pursuit.path is None or not self.is_same(pursuit.path.goal, goal):
             pursuit.follow(TimedPath(np.array([stand, goal]), self._speeds))
-        assert pursuit.way is not None, "one is followed"
+        assert pursuit.path is not None, "one is followed"
         if state.phase is Phase.FOLLOWING:
-            self._order_if_due(cycle, pursuit, pursuit.way, stand, goal)
-        return pursuit.way
+            self._order_if_due(cycle, pursuit, pursuit.path, stand, goal)
+        return pursuit.path
 
     def _order_if_due(
-        self, cycle: Cycle, pursuit: Pursuit, way: TimedPath, stand: LocalPoint, goal: LocalPoint
+        self, cycle: Cycle, pursuit: Pursuit, path: TimedPath, stand: LocalPoint, goal: LocalPoint
     ) -> None:
         """Have a path planned where the one that is followed isn't free of what rests, or something moves.
 
@@ -237,32 +237,32 @@ class PieceFinder:
         state, speeds = cycle.state, self._speeds
         due = cycle.now + self._request.planning_time
         drifting = self._obstacles.drifting(due + STREAM.lag)
-        goes = pursuit.refused < STREAM.refused and self._is_free(way, pursuit.place, stand)
+        goes = pursuit.refused < STREAM.refused and self._is_free(path, pursuit.place, stand)
         again = len(drifting.boxes) > 0 and cycle.now >= state.planned + self._request.planning_time + STREAM.again
         if goes and not again:
             return
         start, followed = stand, None
         if goes:
-            place = way.nearest(stand, pursuit.place, pursuit.place + STREAM.looked_at)
+            place = path.nearest(stand, pursuit.place, pursuit.place + STREAM.looked_at)
             share = float((np.abs(cycle.base.state(cycle.begins)[:, 1]) / speeds).max())
             goes_on = self._request.planning_time * min(1.0, share)
-            then = max(place, min(place + goes_on, way.due(due + STREAM.early)))
-            if (np.abs(way.at(then) - stand) / speeds).max() <= STREAM.on_it * goes_on:
-                start, place = way.at(then), then
-            followed = way.rest(start, place)
+            then = max(place, min(place + goes_on, path.due(due + STREAM.early)))
+            if (np.abs(path.at(then) - stand) / speeds).max() <= STREAM.on_it * goes_on:
+                start, place = path.at(then), then
+            followed = path.rest(start, place)
         state.order(self._planner.order(due, start, goal, drifting, followed, self._rng))
         pursuit.refused = 0
 
     def _choose_goal(self, cycle: Cycle, pursuit: Pursuit, stand: LocalPoint) -> LocalPoint:
         """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
-        goals, way = pursuit.goals, pursuit.way
+        goals, path = pursuit.goals, pursuit.path
         boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted])
         taken = np.array([(self._paths.gaps(boxes, z) < -INSIDE * self._group.size).any() for z in goals], bool)
         if taken.all():
             cycle.reason = "goal_taken"
             taken[:] = False
-        if way is not None:
-            same = [k for k, goal in enumerate(goals) if self.is_same(way.goal, goal)]
+        if path is not None:
+            same = [k for k, goal in enumerate(goals) if self.is_same(path.goal, goal)]
             if same and not taken[same[0]]:
                 chosen: LocalPoint = goals[same[0]]
                 return chosen
@@ -274,12 +274,12 @@ class PieceFinder:
         """Return whether a point (nv,) is a goal (nv,), but for whole turns of joints that turn without end."""
         return bool((np.abs(self._group.unwrapped(goal, z) - z) <= GOAL_TOLERANCE).all())
 
-    def _is_free(self, way: TimedPath, place: float, stand: LocalPoint) -> bool:
-        points = way.rest(stand, place, place + STREAM.looked_at)
-        clearance = self._paths.choose_clearance(STREAM.resting_looked_at, [stand, way.goal])
+    def _is_free(self, path: TimedPath, place: float, stand: LocalPoint) -> bool:
+        points = path.rest(stand, place, place + STREAM.looked_at)
+        clearance = self._paths.choose_clearance(STREAM.resting_looked_at, [stand, path.goal])
         return self._paths.is_free(NOTHING, STREAM.going, clearance, points)
 
     def is_at_goal(self, state: State, z: LocalPoint) -> bool:
         """Return whether a point (nv,) is the goal to which the followed path leads."""
-        way = None if state.pursuit is None else state.pursuit.way
-        return way is not None and bool((np.abs(z - way.goal) <= GOAL_TOLERANCE).all())
+        path = None if state.pursuit is None else state.pursuit.path
+        return path is not None and bool((np.abs(z - path.goal) <= GOAL_TOLERANCE).all())

@@ -71,14 +71,14 @@ class Pursuit(msgspec.Struct, eq=False):
     """The goal's configurations, and the path that is followed to one of them."""
 
     goals: np.ndarray  # its configurations, (k, nv)
-    way: TimedPath | None = None  # the path that is followed; None: nothing is known of one
+    path: TimedPath | None = None  # the path that is followed; None: nothing is known of one
     place: float = 0.0  # the robot's place along it [s]
     refused: int = 0  # updates without a piece, one after the other
     unfound: bool = False  # whether no path was found at the last planning
 
-    def follow(self, way: TimedPath) -> None:
+    def follow(self, path: TimedPath) -> None:
         """Follow a path from its beginning."""
-        self.way, self.place = way, 0.0
+        self.path, self.place = path, 0.0
 
 
 class State(msgspec.Struct, eq=False):
@@ -170,7 +170,7 @@ class State(msgspec.Struct, eq=False):
         self.commits[stood.number] = stood
         self.last = self.current = stood.number
         if self.pursuit is not None:
-            self.pursuit.way = None
+            self.pursuit.path = None
 
 
 class KeptObstacle(msgspec.Struct, frozen=True):

@@ -11,7 +11,14 @@ from guidefield.kernels.jit.decorators import make_kernel as kernel
 from guidefield.kernels.simd.packing import Words, pack, pointers
 from guidefield.kernels.simd.vector import LANES
 from guidefield.kernels.tree import nodes as tree_nodes
-from guidefield.kernels.tree.informed_samples import NEAR, Sampling, Way, next_samples, pass_samples, sampling_of
+from guidefield.kernels.tree.informed_samples import (
+    NEAR,
+    Sampling,
+    StraightPath,
+    next_samples,
+    pass_samples,
+    sampling_of,
+)
 from guidefield.kernels.tree.kd_buckets import BUCKET, KNOWN, STATE
 from guidefield.kernels.tree.rrt_connect import SIEVE
 from guidefield.planner.tree_search import _TreeMemory, held_by
@@ -22,9 +29,9 @@ from tests.kernels.collide.batch_callers import hits_of_configurations, nearest_
 @kernel(void(INDICES, VECTOR_OUT, FLOATS, types.float64, int64, types.Array(types.float32, 2, "C")))
 def drawn(words: Words, places: Floats, ends: Floats32, reach: float, used: int, samples_out: Floats32) -> None:
     sampling, nv = sampling_of(pointers(words)), len(ends) // 2
-    way = Way(pointers(ends), 0, nv, 1, reach)
+    path = StraightPath(pointers(ends), 0, nv, 1, reach)
     for batch in range(len(samples_out)):
-        next_samples(sampling, nv, pointers(places), way, pointers(samples_out[batch]))
+        next_samples(sampling, nv, pointers(places), path, pointers(samples_out[batch]))
         pass_samples(sampling, nv, pointers(places), used)
 
 
@@ -112,10 +119,10 @@ def box_about(wraps: np.ndarray) -> Sampling:
 
 def apart(a: np.ndarray, b: np.ndarray, wraps: np.ndarray) -> np.ndarray:
     """Distances, angles the short way round, in double precision."""
-    way = a - b
+    offset = a - b
     turns = wraps > 0.0
-    way[..., turns] = (way[..., turns] + np.pi) % (2.0 * np.pi) - np.pi
-    return np.linalg.norm(way, axis=-1)
+    offset[..., turns] = (offset[..., turns] + np.pi) % (2.0 * np.pi) - np.pi
+    return np.linalg.norm(offset, axis=-1)
 
 
 def spread(kind: str, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -14,7 +14,7 @@ from guidefield.planner.guide.auto_planes import (
     LONGEST_RAY,
     derive_planes,
     find_free_section,
-    find_tip_way,
+    find_tip_path,
     is_in_passage,
     measure_point_clearances,
 )
@@ -100,14 +100,14 @@ def test_no_way_leads_through_a_sheet_to_a_goal_next_to_the_start(thickness: flo
     """It is thinner than the grid is fine; the thick one reaches the goal."""
     sheet = messages.Box(name="sheet", size=(thickness, 2.0, 2.0), position=(0.005, 0.0, 0.0))
     tables, goal = distance_tables(build(messages.Scene("sheet", obstacles=[sheet]))), np.array([0.01, 0.0, 0.0])
-    assert find_tip_way(tables, np.array([-0.01, 0.0, 0.0]), goal, 0.05, np.zeros(3), np.inf) is None
-    assert find_tip_way(tables, np.array([-0.05, 0.0, 0.0]), goal - 0.045, 0.05, np.zeros(3), np.inf) is not None
+    assert find_tip_path(tables, np.array([-0.01, 0.0, 0.0]), goal, 0.05, np.zeros(3), np.inf) is None
+    assert find_tip_path(tables, np.array([-0.05, 0.0, 0.0]), goal - 0.045, 0.05, np.zeros(3), np.inf) is not None
 
 
 def test_a_tip_without_a_body_finds_a_way() -> None:
     tables = distance_tables(build(messages.Scene("wall", obstacles=WALL)))
-    way = find_tip_way(tables, np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.0, np.zeros(3), np.inf)
-    assert way.clearances.min() > 0.1
+    path = find_tip_path(tables, np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.0, np.zeros(3), np.inf)
+    assert path.clearances.min() > 0.1
 
 
 def test_a_reply_names_them_and_they_can_be_sent_again() -> None:

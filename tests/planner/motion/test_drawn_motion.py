@@ -168,7 +168,7 @@ def test_largest_magnitudes_are_those_of_dense_samples(seed, order, wide):
 
 @pytest.mark.parametrize(("width", "free"), [(1e-3, True), (0.5, False)])
 def test_more_rows_are_sent_until_what_is_drawn_is_free(width, free):
-    """An arm that folds to pass below a box, and would touch it on the straight way between its two knots."""
+    """An arm that folds to pass below a box, and would touch it on the straight path between its two knots."""
     arm = grouped(box_arm("y y", 2))
     start, turn = np.array([-0.8, 0.0]), np.array([0.0, 0.9])
     plan = Trajectory(np.array([0.0, 5.0]), np.array([start, -start]), np.array([turn, -turn]))

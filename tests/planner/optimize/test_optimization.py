@@ -19,7 +19,7 @@ from guidefield.planner.task.problem import Objective, Problem
 from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.robot.group.path_constraints import Cone, PathConstraint, plane
 from guidefield.scene.guide_plane import GuidePlane, build
-from tests.planner.problems import beside_the_way, over_the_wall, problem, scene_of, smallest_clearance
+from tests.planner.problems import beside_the_path, over_the_wall, problem, scene_of, smallest_clearance
 from tests.robots import box_arm, group, grouped
 from tests.scene.solids import l_prism, mesh_message
 
@@ -29,7 +29,7 @@ def optimized(made: Problem, path: np.ndarray) -> Optimized:
 
 
 def test_a_limit_of_speed_in_space_gives_a_motion_another_shape() -> None:
-    """The arm is drawn in on its way round: the tip's way is shorter there."""
+    """The arm is drawn in on its way round: the tip's path is shorter there."""
     limit, durations = frame_limit(group("panda"), "panda_hand_tcp", 0.25, np.inf), []
     made = problem("panda", scene_of(), cartesian_limits=(limit,))
     path = np.array([[side, 0.6, 0.0, -1.2, 0.0, 1.8, 0.8] for side in (-1.3, 1.3)])
@@ -95,8 +95,8 @@ def test_every_motion_is_within_limits_and_no_slower_than_one_joint_needs(seed, 
     made = problem(planned, scene_of(), planes=(), jerk_limits=limits)
     trajectory = optimized(made, path).trajectory
     check_limits(made, trajectory)
-    way = np.abs(path[-1] - path[0])
-    bound = np.maximum(way / planned.velocity_limits, 2.0 * np.sqrt(way / planned.acceleration_limits)).max()
+    offset = np.abs(path[-1] - path[0])
+    bound = np.maximum(offset / planned.velocity_limits, 2.0 * np.sqrt(offset / planned.acceleration_limits)).max()
     assert trajectory.duration >= bound * (1.0 - 1e-9)
     np.testing.assert_array_equal(trajectory.positions[[0, -1]], path[[0, -1]])
 
@@ -222,14 +222,14 @@ def test_every_joint_kind_moves_away_from_a_post(joints: str) -> None:
     path = np.array([np.full(planned.nv, -0.35), np.full(planned.nv, 0.35)])
     if joints.startswith("slide"):
         path[0, 0] = 0.05  # further in, links would overlap
-    made = beside_the_way(planned, path)
+    made = beside_the_path(planned, path)
     after = optimized(made, path).trajectory
     check_limits(made, after)
     assert smallest_clearance(made, after.positions) > smallest_clearance(made, path) + 0.01
 
 
-def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
-    """A Panda beside a post whose tip stays near a level plane, or upright, and a way through random places there."""
+def constrained_path(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
+    """A Panda beside a post whose tip stays near a level plane, or upright, and a path through random places there."""
     post = messages.Box(name="post", size=(0.1, 0.1, 1.2), position=(0.6, 0.6, 0.6))
     made, rng = problem("panda", scene_of(post), planes=()), np.random.default_rng(4)
     first = made.z_start
@@ -250,7 +250,7 @@ def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
 
 @pytest.mark.parametrize(("of", "tolerance"), [("plane", 0.002), ("plane", 0.03), ("cone", 0.3)])
 def test_path_constraints_are_kept_between_samples_too(of: str, tolerance: float) -> None:
-    made, path = kept_way(of, tolerance)
+    made, path = constrained_path(of, tolerance)
     motion = time_path_ignoring_jerk(made, path)
     trajectory = optimize(made, motion, constrained(BALANCED)).trajectory
     assert trajectory.duration < 0.8 * motion.duration

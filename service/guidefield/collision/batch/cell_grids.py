@@ -81,8 +81,8 @@ def batch_grids(
     numbers = joints.numbers.reshape(-1, JOINT)
     every: list[list[_Side] | None] = []
     for (a, b), allowed in zip(link_pairs[:, :2].tolist(), most.tolist(), strict=True):
-        way = _way(joints, numbers, int(link_joints[a]), int(link_joints[b]))
-        sides = None if way is None else _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
+        between = _joints_between(joints, numbers, int(link_joints[a]), int(link_joints[b]))
+        sides = None if between is None else _sides(joints, numbers, between, (covers[a], covers[b]), ranges)
         every.append(None if sides is None or len(sides) > allowed else sides)
     share = max(ALWAYS_ALLOWED, MOST_IN_ALL // max(1, sum(sides is not None for sides in every)))
     places, values, cells = [], [], CHILDREN  # where children stand is above all verdicts on a cell
@@ -119,16 +119,16 @@ def batch_grids(
 
 def _counts(sides: list[_Side], most: int) -> list[int]:
     """Count the undivided cells along each coordinate, so that a step along any moves bodies about as far."""
-    ways, counts = np.array([max(side.lever * side.width, BAND) for side in sides]), [1] * len(sides)
-    ascending = np.argsort(ways).tolist()
+    reaches, counts = np.array([max(side.lever * side.width, BAND) for side in sides]), [1] * len(sides)
+    ascending = np.argsort(reaches).tolist()
     for k, side in enumerate(ascending):
-        further = ways[ascending[k:]]
-        counts[side] = min(most, max(1, int((most / further.prod()) ** (1.0 / len(further)) * ways[side])))
+        further = reaches[ascending[k:]]
+        counts[side] = min(most, max(1, int((most / further.prod()) ** (1.0 / len(further)) * reaches[side])))
         most //= counts[side]
     return counts
 
 
-def _way(joints: BatchJoints, numbers: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]] | None:
+def _joints_between(joints: BatchJoints, numbers: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]] | None:
     """Find the joints that move two joints' bodies past each other: above the first alone, and above the second alone.
 
     None if they depend on more than `GRID_SIDES` coordinates, or on one of a joint that neither turns nor slides.
@@ -149,20 +149,20 @@ def _way(joints: BatchJoints, numbers: np.ndarray, a: int, b: int) -> tuple[list
 def _sides(
     joints: BatchJoints,
     numbers: np.ndarray,
-    ways: tuple[list[int], list[int]],
+    between: tuple[list[int], list[int]],
     covers: tuple[np.ndarray, np.ndarray],
     ranges: np.ndarray,
 ) -> list[_Side] | None:
     """Return the coordinates that a link pair depends on; None if one has no limits."""
     levers: dict[int, float] = {}
     wraps: dict[int, bool] = {}
-    for way, cover in zip(ways, covers, strict=True):
+    for moving, cover in zip(between, covers, strict=True):
         centres, radii = cover[:, :3], cover[:, 3]
         reach = float(
             (np.linalg.norm(centres[:, :2], axis=1) + radii).max()
         )  # from the axis of the link's joint, which is z
         beyond = float((np.linalg.norm(centres, axis=1) + radii).max())
-        for joint in way:
+        for joint in moving:
             source, factor = int(joints.sources[joint]), abs(float(numbers[joint, MULTIPLIER]))
             turning = joints.kinds[joint] == TURNING
             levers[source] = levers.get(source, 0.0) + factor * (reach if turning else 1.0)

@@ -270,7 +270,7 @@ def _free(
     chain: Any, joints: Any, leads: int, swept: Any, bodies: Any, guard: Any, searching: Any, limits: Any, here: Any,
     there: Any, z0: Floats, z1: Floats, counts_out: Any,
 ) -> bool:  # fmt: skip
-    """Tell if a step may be taken: the guard allows the tip, the joints can stand there, and the way is free."""
+    """Tell if a step may be taken: the guard allows the tip, the joints can stand there, and the path is free."""
     tip = there.places[0 if leads == 1 else there.rotations.shape[0]]
     if not allows(guard, (tip[0], tip[1], tip[2])):
         return False

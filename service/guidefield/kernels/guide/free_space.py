@@ -5,8 +5,8 @@ motion of the robot, and nothing is proven by them. `CAP`, `_HASTE` and `_NEAR` 
 `_HEAP_CAPACITY` only time.
 
 The path is a weighted A*'s. It costs its length times 1 + (comfort / clearance)^2, clearance up to what is ample.
-Points touch a ball of their own clearance: two neighbours are joined if their balls cover the way between them, so that
-no wall is too thin. Of a plane rays go in all directions until they hit; between them obstacles may be missed.
+Points touch a ball of their own clearance: two neighbours are joined if their balls cover the path between them, so
+that no wall is too thin. Of a plane rays go in all directions until they hit; between them obstacles may be missed.
 """
 
 from __future__ import annotations
@@ -107,11 +107,11 @@ def _neighbours(spacing: float) -> tuple[Integers, Floats]:
 
 
 @inlined
-def _way_back(origin: Integers, last: int, way_out: Integers) -> int:
+def _trace_back(origin: Integers, last: int, path_out: Integers) -> int:
     """The points from the last back to the first, and how many they are."""
     n, cell = 0, last
-    while cell >= 0 and n < way_out.shape[0]:
-        way_out[n] = cell
+    while cell >= 0 and n < path_out.shape[0]:
+        path_out[n] = cell
         n += 1
         cell = origin[cell]
     return n
@@ -121,7 +121,7 @@ def _way_back(origin: Integers, last: int, way_out: Integers) -> int:
 def wavefront(
     tables: DistanceTables, low: Row, spacing: float, counts: Indices, start: Indices, goal: Indices,
     cap: float, comfort: float, ample: float, floor: float, centre: Row, reach: float, arm: float,
-    free_out: SinglesOut, way_out: IndicesOut,
+    free_out: SinglesOut, path_out: IndicesOut,
 ) -> int:  # fmt: skip
     """Find a cheap path over a grid between two of its points; return its count of points, 0 if there is none.
 
@@ -132,7 +132,7 @@ def wavefront(
     farther than `reach` from `centre` (3,), are out of bounds [m]. An arm from the centre that lies along the path,
     from the point of it that suits best, is no longer than `arm`, as far as the cheapest paths to its points tell [m].
     `free_out` has the clearance of each point where it is known, else NaN, -1 beyond reach; what is found is added.
-    `way_out` gets flat indices, from the goal back to the start.
+    `path_out` gets flat indices, from the goal back to the start.
     """
     nx, ny, nz = counts[0], counts[1], counts[2]
     cost = np.full(nx * ny * nz, np.inf, np.float32)  # negative where it is settled, or never will be
@@ -157,7 +157,7 @@ def wavefront(
             continue
         cost[cell] = _CHOSEN
         if cell == last:
-            return _way_back(origin, last, way_out)
+            return _trace_back(origin, last, path_out)
         roomy = min(float(free_out[cell]), ample)
         at_best = 1.0 + (2.0 * comfort / (ample + roomy)) ** 2
         k, j, i = cell % nz, (cell // nz) % ny, cell // (nz * ny)

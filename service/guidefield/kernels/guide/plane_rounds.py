@@ -43,7 +43,7 @@ ADVANCED, DESCENDED = range(2)  # kinds of steps
 BEFORE, AFTER, GAPS = range(3)
 """The tip's distances to the inset polygon of a round: where it begins and where it ends; then how many."""
 
-_STRAIGHT, _ALL, _NONE = -1, -2, -3  # ways without steps, with all, none; a number from 0 on is the only step of one
+_STRAIGHT, _ALL, _NONE = -1, -2, -3  # paths without steps, with all, none; a number from 0 on is the only step of one
 
 
 class Rounds(NamedTuple):
@@ -54,10 +54,10 @@ class Rounds(NamedTuple):
     guard: float  # share of an advance's gain that a descent keeps
     on_plane: float  # how near the plane counts as on it
     depth: float  # how far inside the plane's edges the tip stays once it is on the plane
-    comfortable: float  # a straight way that keeps this distance is taken without comparing
+    comfortable: float  # a straight path that keeps this distance is taken without comparing
     middle: Row  # a point of the plane, shape (3,)
     normal: Row  # its unit normal, shape (3,)
-    margins: Row  # distances by which ways are compared, the widest first, shape (k,)
+    margins: Row  # distances by which paths are compared, the widest first, shape (k,)
 
 
 class Record(NamedTuple):
@@ -134,7 +134,7 @@ def _advance(
 
 
 @inner_kernel
-def _way_keeps(
+def _path_keeps(
     swept: SweptRobot,
     bodies: DistanceTables,
     q: Row,
@@ -144,7 +144,7 @@ def _way_keeps(
     settings: Settings,
     counts: IndicesOut,
 ) -> bool:
-    """Tell if the way from q to the last of some steps keeps a margin: straight, by one of them, or by all."""
+    """Tell if the path from q to the last of some steps keeps a margin: straight, by one of them, or by all."""
     last, before = steps.shape[0] - 1, q
     for row in range(steps.shape[0]):
         if row in (last, through) or through == _ALL:
@@ -158,20 +158,20 @@ def _way_keeps(
 def _straighten(
     swept: Any, bodies: Any, settings: Any, rounds: Any, q: Floats, steps: Floats, kept: Any, record: Any
 ) -> None:
-    """Leave out steps of a round where the way without them keeps as wide a margin: as guided_path.py."""
+    """Leave out steps of a round where the path without them keeps as wide a margin: as guided_path.py."""
     last, through, m, counts = steps.shape[0] - 1, _NONE, 0, record.counts
     if last < 1:
         return
-    if _way_keeps(swept, bodies, q, steps, _STRAIGHT, max(rounds.comfortable, settings.margin), settings, counts):
+    if _path_keeps(swept, bodies, q, steps, _STRAIGHT, max(rounds.comfortable, settings.margin), settings, counts):
         through = _STRAIGHT
     while through == _NONE and m < rounds.margins.shape[0] and rounds.margins[m] > settings.margin:
-        margin, ways = rounds.margins[m], last + 2
-        if not _keeps(swept, bodies, q, q, margin, settings, counts):  # no way is wider than where it begins
-            ways = 0
-        for way in range(ways):
+        margin, choices = rounds.margins[m], last + 2
+        if not _keeps(swept, bodies, q, q, margin, settings, counts):  # no path is wider than where it begins
+            choices = 0
+        for choice in range(choices):
             # straight, by a single step from the last one on, by all
-            one = _STRAIGHT if way == 0 else last - way if way <= last else _ALL
-            if _way_keeps(swept, bodies, q, steps, one, margin, settings, counts):
+            one = _STRAIGHT if choice == 0 else last - choice if choice <= last else _ALL
+            if _path_keeps(swept, bodies, q, steps, one, margin, settings, counts):
                 through = one
                 break
         m += 1

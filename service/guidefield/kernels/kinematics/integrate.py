@@ -2,7 +2,7 @@
 
 A group's tangent v gives the model's by ``factors[r] * v[leaders[r]]``: mimic joints follow their source joints. Steps
 are Pinocchio's ``integrate``: additive for axes, the exponential map of the moved frame for the others. Minimizers and
-guided paths (`kernels/guide`, `planner/guide`) go by it: the constants of Newton's method change which ways they find,
+guided paths (`kernels/guide`, `planner/guide`) go by it: the constants of Newton's method change which paths they find,
 and no proof relies on them.
 """
 

@@ -1,6 +1,6 @@
 """Rigorous bounds of the motion of a pair's bodies in a segment, of first and of second order.
 
-Let x be the way of the coordinates from the middle of a segment, D the chord from its first point to its last, and
+Let x be the path of the coordinates from the middle of a segment, D the chord from its first point to its last, and
 x = l D + e (`placement.bound_segment`). Control points of x bound all three: x by X, l by the share L, and e by E,
 coordinate by coordinate. To first order a point moves by l J D, a rigid motion by the twist J D; J e moves it besides
 by at most the sum of r E, with r its distance from each axis. What is of higher order is at most half of the point's
@@ -9,10 +9,10 @@ acceleration where the coordinates go straight from 0 to x in a time of 1,
     sum_i r_i X_i (2 sum_{k before i} X_k + X_i),   k and the last X_i only where they turn,
 
 since the derivative of a column axis_i x r_i by coordinate k turns it about axis k, and no later joint moves axis i;
-r is no less than anywhere on the way. What a robot may be beside the curve, coordinate by coordinate, adds to X and
-to E: x is any way that they bound. A ball joint turns at a rate of at most the norm of its coordinates', and its
+r is no less than anywhere on the path. What a robot may be beside the curve, coordinate by coordinate, adds to X and
+to E: x is any path that they bound. A ball joint turns at a rate of at most the norm of its coordinates', and its
 angular acceleration is at most the square of that rate: what the exponential map bends is at most 1. The speed along
-the way, and jumps of rates, don't count.
+the path, and jumps of rates, don't count.
 
 Bounds are those of each body as the world sees it, and of the two bodies of own pairs as some body between them sees
 them: distances are the same from anywhere. A short body that a joint turns beside a long one moves less than that does,
@@ -172,9 +172,9 @@ def _of_body(
         known[IN_TUBE] += rho * bounds.tubes[i]
         bent += bounds.rho[i] * bounds.asides[i] + rho * move * (before + 0.5 * robot.doubled[i] * move)
         before += move * turning
-        way = robot.moves[b, i]
+        direction = robot.moves[b, i]
         for j in range(TWIST):
-            known[twist + j] += way * place.twists[i, j]
+            known[twist + j] += direction * place.twists[i, j]
     x, y, z = place.centres[b, 0], place.centres[b, 1], place.centres[b, 2]
     wx, wy, wz = known[twist + 3], known[twist + 4], known[twist + 5]
     vx, vy, vz = known[twist] + wy * z - wz * y, known[twist + 1] + wz * x - wx * z, known[twist + 2] + wx * y - wy * x

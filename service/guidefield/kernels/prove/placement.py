@@ -1,6 +1,6 @@
 """Placements of a robot and of moving obstacles at a parameter of a motion, joint twists, bounds of Bezier segments.
 
-Placements are numbered (`LOOK`), so that each moving obstacle is placed once for each. `step_at` and the screws of
+Placements are numbered (`PLACEMENT`), so that each moving obstacle is placed once for each. `step_at` and the screws of
 `place_mover` have to agree with the trajectories that `prove/tables.py` makes; the referee has code of its own.
 """
 
@@ -195,7 +195,7 @@ def find_ranges(curves: Blocks, low: RowsOut, high: RowsOut) -> None:
 TWIST = 6  # numbers of a twist
 SMALL_ANGLE = 1e-4  # below [rad] series stand for sine and cosine, as exact as rounding; much more or less loses digits
 
-NOW, LOOK, MOMENT = range(3)
+NOW, PLACEMENT, MOMENT = range(3)
 """Numbers of a moment: the time [s] and the number of the placement; then how many there are."""
 
 
@@ -208,7 +208,7 @@ class BodyPoses(NamedTuple):
     twists: Floats  # motion by each coordinate of the model as that changes, shape (n, TWIST) [m and rad, world]
     moment: Floats  # shape (MOMENT,)
     mover_poses: Floats  # motion of each moving obstacle from where it is at first, shape (v, 12) [m, world]
-    mover_looks: Floats  # number of the placement for which each pose is known, shape (v,)
+    mover_placements: Floats  # number of the placement for which each pose is known, shape (v,)
 
 
 class PoseScratch(NamedTuple):
@@ -242,7 +242,7 @@ def place_at(moving: MovingRobot, at: float, place: BodyPoses, scratch: PoseScra
     )
     place_centres(robot, place)
     place.moment[NOW] = time_at(moving.curve, at)
-    place.moment[LOOK] += 1.0
+    place.moment[PLACEMENT] += 1.0
 
 
 @uncounted
@@ -267,9 +267,9 @@ def kept_from_mover(movers: MovingObstacles, mover: int, time: float) -> float:
 @uncounted
 def place_mover(movers: MovingObstacles, mover: int, place: BodyPoses) -> None:
     """Place a moving obstacle at the moment of a placement, once: exp((t - t_k) twist_k) times its pose at step k."""
-    if place.mover_looks[mover] == place.moment[LOOK]:
+    if place.mover_placements[mover] == place.moment[PLACEMENT]:
         return
-    place.mover_looks[mover] = place.moment[LOOK]
+    place.mover_placements[mover] = place.moment[PLACEMENT]
     pose, time = place.mover_poses[mover], place.moment[NOW]
     step = max(step_at(movers, mover, time), movers.begins[mover])
     known, twist = movers.poses[step], movers.twists[step]

@@ -31,10 +31,10 @@ from guidefield.kernels.prove.pair_distance import (
     pair_distance,
 )
 from guidefield.kernels.prove.placement import (
-    LOOK,
     MOMENT,
     MOST_ORDER,
     NOW,
+    PLACEMENT,
     TWIST,
     BodyPoses,
     PoseScratch,
@@ -315,7 +315,7 @@ def _place_configuration(moving: MovingRobot, q: Floats, time: float, search: Se
     place_joints(moving.robot.joints, q, scratch.rotation, scratch.translation, search.place.poses)
     place_centres(moving.robot, search.place)
     search.place.moment[NOW] = time
-    search.place.moment[LOOK] += 1.0
+    search.place.moment[PLACEMENT] += 1.0
 
 
 @uncounted

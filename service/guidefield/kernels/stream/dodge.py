@@ -27,13 +27,13 @@ STRETCHED = 1.25
 
 
 class Tube(NamedTuple):
-    """A way and what is beside it.
+    """A path and what is beside it.
 
-    A state is a place and a column, by number place * columns + column; column 0 is the way itself, then come the
+    A state is a place and a column, by number place * columns + column; column 0 is the path itself, then come the
     steps to the first side, and so on.
     """
 
-    places: Rows  # the way's points, a step at full speed apart, then its end some times over, shape (m, nv)
+    places: Rows  # the path's points, a step at full speed apart, then its end some times over, shape (m, nv)
     sides: Rows  # what a step to each side changes, shape (d, nv)
     taken: IndexRows  # not 0 where one can't be, shape (m, 1 + d * levels)
     speeds: Row  # of the coordinates, at most, shape (nv,) [rad/s or m/s]
@@ -44,7 +44,7 @@ class Tube(NamedTuple):
 class KeptClearances(NamedTuple):
     """Requirements on a path among moving obstacles."""
 
-    # what to keep from each on the move, where the robot waits, and at the way's end at least; shape (3, k) [m]
+    # what to keep from each on the move, where the robot waits, and at the path's end at least; shape (3, k) [m]
     kept: Rows
     # where the end is closer to an obstacle than the first two ask, its distance then is enough, and this more for each
     # second before it [m/s]
@@ -54,7 +54,7 @@ class KeptClearances(NamedTuple):
 
 @inlined
 def _level(column: int, levels: int) -> int:
-    """Return how many steps beside the way a column is."""
+    """Return how many steps beside the path a column is."""
     return 0 if column == 0 else (column - 1) % levels + 1
 
 
@@ -78,7 +78,7 @@ def _write_state(tube: Tube, state: int, columns: int, levels: int, z: Floats) -
 def _column_beside(column: int, which: int, reach: int, levels: int) -> int:
     """A column that a step may lead to, the first one first, of `reach` columns; -1: there are no more.
 
-    From the way that is itself, and the first step to each side; from beside it one step less, itself, one more.
+    From the path that is itself, and the first step to each side; from beside it one step less, itself, one more.
     """
     if column == 0:
         new = 0 if which == 0 else 1 + (which - 1) * levels
@@ -131,7 +131,7 @@ def _place_boxes(boxes: Floats, drifts: Floats, time: float, moved: Floats32) ->
 def _write_kept_at_end(
     words: Integers, boxes: Floats, drifts: Floats, wanted: KeptClearances, tube: Tube, moved: Floats32, ends: Floats32
 ) -> None:
-    """Write the distance of each obstacle from the robot at the way's end after each step, shape (n, k) [m].
+    """Write the distance of each obstacle from the robot at the path's end after each step, shape (n, k) [m].
 
     If it is less than has to be kept, the most that is kept from anything: no schedule ends there then.
     """
@@ -149,7 +149,7 @@ def _write_kept_at_end(
 def _lacks(gaps: Floats32, wanted: KeptClearances, enough: Floats32, more: float) -> tuple[float, float]:
     """Return the distance that lacks at gaps (k,) from obstacles, on the move and where the robot waits [m].
 
-    `enough` (k,) is kept of each at the way's end when the robot can be there, `more` more is enough here [m].
+    `enough` (k,) is kept of each at the path's end when the robot can be there, `more` more is enough here [m].
     """
     going, waiting = 0.0, 0.0
     for k in range(gaps.shape[0]):
@@ -242,9 +242,9 @@ def find_schedule(
     """Find where to be at each step so that arriving costs least; return the rows of `timed`, and that cost [s].
 
     `words` are the robot, a packed `BatchWorld`, `boxes` (k, `ROUNDED_BOX`) what moves, now [m, world], `drifts` (k, 3)
-    how fast each goes straight on [m/s]; beside the way at most `width` states are examined for each step, 0: none.
+    how fast each goes straight on [m/s]; beside the path at most `width` states are examined for each step, 0: none.
     `timed` (n, nv) gets the coordinates, `reached` (n,) the states; n - 1 steps are foreseen, and from the last state
-    on the rest of the way costs its time. The cost is the time of arrival and of what lacks on the way.
+    on the rest of the path costs its time. The cost is the time of arrival and of what lacks on the way.
     """
     count, columns = tube.places.shape[0], tube.taken.shape[1]
     levels = (columns - 1) // max(1, tube.sides.shape[0])

@@ -164,7 +164,7 @@ def bound_travel(moving: MovingRobot, exact: BezierCurve, since: float, until: f
     """
     search, bodies, most = new_search(moving, np.zeros(LOG_ROWS)), moving.robot.parent_joints.shape[0], 0.0
     as_planned = MovingRobot(moving.robot, moving.obstacles, moving.movers, moving.pairs, exact)
-    ways, within, off = np.zeros(bodies), np.zeros(bodies), np.zeros(bodies)
+    travels, within, off = np.zeros(bodies), np.zeros(bodies), np.zeros(bodies)
     for part in range(2 * parts):
         a, b = since + (until - since) * (part // 2) / parts, since + (until - since) * (part // 2 + 1) / parts
         which = as_planned if part % 2 == 0 else moving
@@ -177,11 +177,11 @@ def bound_travel(moving: MovingRobot, exact: BezierCurve, since: float, until: f
             if part % 2 == 0:
                 # from one end of the part to any place in it, both within reach of the middle
                 within[body] = travel
-                ways[body] += 2.0 * travel
+                travels[body] += 2.0 * travel
                 continue
             if part == 1:
                 off[body] = travel - within[body]
-            most = max(most, ways[body] + off[body] + travel - within[body])
+            most = max(most, travels[body] + off[body] + travel - within[body])
     return most
 
 

@@ -94,11 +94,11 @@ def earliest_schedule(
     """Follow all states, places and rates, through some steps, or up to the first in which the end is reached.
 
     At place 0 the robot rests: it may wait there, and leave at any rate. It may arrive at any rate. A rate doesn't
-    change in the first step of the way, nor in the last. `cells` (n,) is the column of `free` (steps * per_step, cells)
-    of each place, not decreasing; `lowest` and `highest` (n, J + 1) are how much the rate may change at a place at a
-    rate, never above and never below 0. `length` is the place of the end, above n - 1 at least by rounding, at most n;
-    it is not reached before `earliest` steps since the very beginning, `first` of which were followed before. `costs`
-    (n, J + 1) are those of the states before the first step, and after the last one when it ends.
+    change in the first step of the path, nor in the last. `cells` (n,) is the column of `free` (steps * per_step,
+    cells) of each place, not decreasing; `lowest` and `highest` (n, J + 1) are how much the rate may change at a place
+    at a rate, never above and never below 0. `length` is the place of the end, above n - 1 at least by rounding, at
+    most n; it is not reached before `earliest` steps since the very beginning, `first` of which were followed before.
+    `costs` (n, J + 1) are those of the states before the first step, and after the last one when it ends.
 
     Writes after each step how much the rate changed in it (steps, n, J + 1), and (4,): in which step the end is
     reached, from which place and at which rate, -1 if it isn't; the farthest place that was reached so far.

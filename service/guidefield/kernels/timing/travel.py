@@ -1,6 +1,6 @@
 """Travelled lengths of a motion and of its tip, the time at a length, and the turning: path metrics of replies.
 
-Lengths are of cubic Hermite tables (`way_lengths`, to a share that it is given) or of Bezier curves by chords
+Lengths are of cubic Hermite tables (`path_lengths`, to a share that it is given) or of Bezier curves by chords
 (`travelled`, too short by what lies between the places asked for).
 """
 
@@ -16,10 +16,10 @@ from guidefield.kernels.jit.decorators import inlined, kernel, uncounted
 from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, JointPlaces, joint_places, place_point
 from guidefield.kernels.timing.hermite import place_and_rate
 
-IN_LOCAL, OF_FRAME, WAYS = range(3)  # numbers of the lengths in local coordinates and of the tip; then how many
+IN_LOCAL, OF_FRAME, LENGTHS = range(3)  # numbers of the lengths in local coordinates and of the tip; then how many
 STRIDES = 3  # a part is measured by all of its chords, by every second and every fourth of its points; no setting
 
-AGAINST, LOOK = WAYS * STRIDES, WAYS * STRIDES + 1
+AGAINST, MEASURES = LENGTHS * STRIDES, LENGTHS * STRIDES + 1
 """Numbers of a measured part, behind both lengths by three strides: how far the motion may go back and forth within its
 chords, as it goes against them at an end; then how many there are."""
 
@@ -44,7 +44,7 @@ class _Scratch(NamedTuple):
 
 
 @uncounted
-def chord_lengths(points: Floats, at: int, look_out: Floats) -> None:
+def chord_lengths(points: Floats, at: int, measures_out: Floats) -> None:
     """Write the lengths of a polyline (k, d), and through every second and every fourth point, from a number on."""
     stride = 1
     for level in range(STRIDES):
@@ -54,7 +54,7 @@ def chord_lengths(points: Floats, at: int, look_out: Floats) -> None:
             for d in range(points.shape[1]):
                 square += (points[k, d] - points[k - stride, d]) ** 2
             total += math.sqrt(square)
-        look_out[at + level] = total
+        measures_out[at + level] = total
         stride *= 2
 
 
@@ -77,7 +77,7 @@ def against_chords(points: Floats, rates: Floats, step: float) -> float:
 
 
 @uncounted
-def _look(
+def _measure_part(
     tables: _Tables,
     tip: CarriedPoint,
     piece: int,
@@ -85,9 +85,9 @@ def _look(
     end: float,
     goes_on: bool,
     scratch: _Scratch,
-    look_out: Floats,
+    measures_out: Floats,
 ) -> None:
-    """Measure a part of a piece, between two times [s]: shape (LOOK,). `goes_on`: where the last one ended."""
+    """Measure a part of a piece, between two times [s]: shape (MEASURES,). `goes_on`: where the last one ended."""
     points, rates, steps = scratch.points, scratch.rates, scratch.points.shape[0] - 1
     if goes_on:
         for j in range(points.shape[1]):
@@ -105,30 +105,30 @@ def _look(
                 t,
             )
         scratch.places[k, 0], scratch.places[k, 1], scratch.places[k, 2] = place_point(tip, points[k], scratch.joints)
-    chord_lengths(points, IN_LOCAL * STRIDES, look_out)
-    chord_lengths(scratch.places, OF_FRAME * STRIDES, look_out)
-    look_out[AGAINST] = against_chords(points, rates, (end - begin) / steps)
+    chord_lengths(points, IN_LOCAL * STRIDES, measures_out)
+    chord_lengths(scratch.places, OF_FRAME * STRIDES, measures_out)
+    measures_out[AGAINST] = against_chords(points, rates, (end - begin) / steps)
 
 
 @uncounted
-def _length(look: Floats, way: int) -> float:
-    """The length of a way by Richardson's extrapolation of all chords and every second point's."""
-    return float((4.0 * look[way * STRIDES] - look[way * STRIDES + 1]) / 3.0)
+def _length(measures: Floats, which: int) -> float:
+    """A length by Richardson's extrapolation of all chords and every second point's."""
+    return float((4.0 * measures[which * STRIDES] - measures[which * STRIDES + 1]) / 3.0)
 
 
 @uncounted
-def _unsure(look: Floats, way: int) -> float:
+def _unsure(measures: Floats, which: int) -> float:
     """Bound the error of a length: its difference from that by longer chords, or by going back and forth."""
-    before = (4.0 * look[way * STRIDES + 1] - look[way * STRIDES + 2]) / 3.0
-    return float(max(abs(_length(look, way) - before), look[AGAINST]))
+    before = (4.0 * measures[which * STRIDES + 1] - measures[which * STRIDES + 2]) / 3.0
+    return float(max(abs(_length(measures, which) - before), measures[AGAINST]))
 
 
 @uncounted
-def _sum_lengths(looks: Floats, asked: Floats, way: int) -> float:
-    """Sum a length over the parts of which it is asked, (k, LOOK) and (k, WAYS)."""
+def _sum_lengths(rows: Floats, asked: Floats, which: int) -> float:
+    """Sum a length over the parts of which it is asked, (k, MEASURES) and (k, LENGTHS)."""
     total = 0.0
-    for k in range(looks.shape[0]):
-        total += _length(looks[k], way) if asked[k, way] > 0.0 else 0.0
+    for k in range(rows.shape[0]):
+        total += _length(rows[k], which) if asked[k, which] > 0.0 else 0.0
     return total
 
 
@@ -138,30 +138,30 @@ def _is_asked(asked: Floats, k: int) -> bool:
 
 
 @uncounted
-def _leave_unsure(looks: Floats, asked: Floats, most: Floats, done: Floats) -> int:
+def _leave_unsure(rows: Floats, asked: Floats, most: Floats, done: Floats) -> int:
     """Settle and add up lengths whose error is small enough.
 
     Args:
-        looks: At parts, shape (k, LOOK).
-        asked: Whether a way of each is asked, 1 or 0, shape (k, WAYS); changed.
-        most: By how much a length may be off, shape (WAYS,).
-        done: The lengths of what isn't asked any more, shape (WAYS,); changed.
+        rows: Of each measured part, shape (k, MEASURES).
+        asked: Whether a length of each is asked, 1 or 0, shape (k, LENGTHS); changed.
+        most: By how much a length may be off, shape (LENGTHS,).
+        done: The lengths of what isn't asked any more, shape (LENGTHS,); changed.
 
     Returns:
         The number of parts of which some length is still asked.
     """
     count = 0
-    for k in range(looks.shape[0]):
-        for way in range(WAYS):
-            if asked[k, way] > 0.0 and not _unsure(looks[k], way) > most[way]:
-                asked[k, way] = 0.0
-                done[way] += _length(looks[k], way)
+    for k in range(rows.shape[0]):
+        for which in range(LENGTHS):
+            if asked[k, which] > 0.0 and not _unsure(rows[k], which) > most[which]:
+                asked[k, which] = 0.0
+                done[which] += _length(rows[k], which)
         count += 1 if _is_asked(asked, k) else 0
     return count
 
 
 @kernel
-def way_lengths(
+def path_lengths(
     times: Row,
     positions: Rows,
     velocities: Rows,
@@ -173,7 +173,7 @@ def way_lengths(
     levels: int,
     lengths_out: RowOut,
 ) -> None:
-    """Write a motion's lengths (WAYS,) by Richardson's extrapolation of chords; parts are halved where that is off.
+    """Write a motion's lengths (LENGTHS,) by Richardson's extrapolation of chords; parts are halved where that is off.
 
     The motion is as in `hermite.states_at`, with knots at times (n,); each part has `steps` chords, a multiple of four.
     Parts of which all together the lengths are off by at most `share` of the whole aren't halved, and none more than
@@ -183,37 +183,38 @@ def way_lengths(
     pieces, nv = times.shape[0] - 1, positions.shape[1]
     points, rates, places = np.empty((steps + 1, nv)), np.empty((steps + 1, nv)), np.empty((steps + 1, 3))
     scratch = _Scratch(points, rates, places, joint_places(tip.joints))
-    looks, parts, asked = np.empty((pieces, LOOK)), np.empty((pieces, 3)), np.ones((pieces, WAYS))
+    rows, parts, asked = np.empty((pieces, MEASURES)), np.empty((pieces, 3)), np.ones((pieces, LENGTHS))
     for piece in range(pieces):
         parts[piece, 0], parts[piece, 1], parts[piece, 2] = piece, times[piece], times[piece + 1]
-        _look(tables, tip, piece, times[piece], times[piece + 1], piece > 0, scratch, looks[piece])
-    done, most = np.zeros(WAYS), np.empty(WAYS)
+        _measure_part(tables, tip, piece, times[piece], times[piece + 1], piece > 0, scratch, rows[piece])
+    done, most = np.zeros(LENGTHS), np.empty(LENGTHS)
     for _ in range(levels):
-        for way in range(WAYS):
-            lengths_out[way] = _sum_lengths(looks, asked, way)
-            most[way] = share / max(1, pieces) * (done[way] + lengths_out[way])
-        count = _leave_unsure(looks, asked, most, done)
-        halves, looked, wanted = np.empty((2 * count, 3)), np.empty((2 * count, LOOK)), np.empty((2 * count, WAYS))
+        for which in range(LENGTHS):
+            lengths_out[which] = _sum_lengths(rows, asked, which)
+            most[which] = share / max(1, pieces) * (done[which] + lengths_out[which])
+        count = _leave_unsure(rows, asked, most, done)
+        halves, wanted = np.empty((2 * count, 3)), np.empty((2 * count, LENGTHS))
+        half_rows = np.empty((2 * count, MEASURES))
         half = 0
-        for way in range(WAYS):
-            lengths_out[way] = done[way]
-        for k in range(looks.shape[0]):
+        for which in range(LENGTHS):
+            lengths_out[which] = done[which]
+        for k in range(rows.shape[0]):
             if not _is_asked(asked, k):
                 continue
             piece, begin, end = int(parts[k, 0]), parts[k, 1], parts[k, 2]
             middle = 0.5 * (begin + end)
-            for way in range(WAYS):
-                lengths_out[way] += _length(looks[k], way) if asked[k, way] > 0.0 else 0.0
+            for which in range(LENGTHS):
+                lengths_out[which] += _length(rows[k], which) if asked[k, which] > 0.0 else 0.0
             for side in range(2):
                 since, until = (begin, middle) if side == 0 else (middle, end)
                 halves[half, 0], halves[half, 1], halves[half, 2] = piece, since, until
-                for way in range(WAYS):
-                    wanted[half, way] = asked[k, way]
-                _look(tables, tip, piece, since, until, side == 1, scratch, looked[half])
+                for which in range(LENGTHS):
+                    wanted[half, which] = asked[k, which]
+                _measure_part(tables, tip, piece, since, until, side == 1, scratch, half_rows[half])
                 half += 1
         if count == 0:
             break
-        looks, parts, asked = looked, halves, wanted
+        rows, parts, asked = half_rows, halves, wanted
 
 
 @inlined

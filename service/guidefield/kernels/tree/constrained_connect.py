@@ -72,10 +72,10 @@ def _distance(a: Floats32, b: Floats32, nv: int, sampling: Sampling) -> float:
     """Return how far two points, shape (nv,), are apart, the short way round."""
     square = 0.0
     for j in range(nv):
-        way = a[j] - b[j]
+        offset = a[j] - b[j]
         if sampling.period[j] != 0.0:
-            way -= np.float32(np.rint(way * sampling.frequency[j])) * sampling.period[j]
-        square += way * way
+            offset -= np.float32(np.rint(offset * sampling.frequency[j])) * sampling.period[j]
+        square += offset * offset
     return math.sqrt(square)
 
 

@@ -1,7 +1,7 @@
-"""An even sequence of samples for searches in SIMD batches: most near the way between two roots, others anywhere.
+"""An even sequence of samples for searches in SIMD batches: most near the path between two roots, others anywhere.
 
-A joint turns by more than most ways need. Samples from all of its limits mostly pull a tree away from where it has to
-go; those near the straight way from a start to a goal find most paths sooner, and the others find the rest. The
+A joint turns by more than most paths need. Samples from all of its limits mostly pull a tree away from where it has to
+go; those near the straight path from a start to a goal find most paths sooner, and the others find the rest. The
 sequence is fixed by `Sampling.steps` and the places where it begins, which `planner/tree_search.py` draws by
 the seed: a change here changes every path.
 """
@@ -34,26 +34,26 @@ from guidefield.kernels.simd.vector import (
 )
 
 _AHEAD = np.arange(1, LANES + 1, dtype=np.float32)  # which of the next sixteen samples each lane has
-NEAR = 0.75  # the share of samples, above 0, drawn near a way, as service/docs/algorithm.md says; others fill the box
+NEAR = 0.75  # the share of samples, above 0, drawn near a path, as service/docs/algorithm.md says; others fill the box
 WHOLE = 0.9999  # a range of at least this share of a turn counts as the whole turn
 
 
-class Way(NamedTuple):
-    """The straight way between two points that most samples are near."""
+class StraightPath(NamedTuple):
+    """The straight path between two points that most samples are near."""
 
     nodes: Floats32  # points, coordinate by coordinate
     # start, goal: Where the first coordinates of the two points are in these
     start: int
     goal: int
     stride: int  # how far on each next coordinate is
-    reach: float  # in each coordinate samples are at most so far from a point of the way [rad or m]
+    reach: float  # in each coordinate samples are at most so far from a point of the path [rad or m]
 
 
 class Sampling(NamedTuple):
     """Sources of samples."""
 
     # (nv + 1,) by which each coordinate's place in the box goes on from sample to sample, modulo 1; by the last of
-    # these places it is chosen which samples are near the way, and how far along
+    # these places it is chosen which samples are near the path, and how far along
     steps: Row
     # lower, width: (nv,) the box that samples fill
     lower: Row
@@ -102,20 +102,20 @@ def _shares(sampling: Sampling, places: Floats, j: int) -> Vector:
 
 
 @vector_part
-def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_out: Floats32) -> None:
+def next_samples(sampling: Sampling, nv: int, places: Floats, path: StraightPath, samples_out: Floats32) -> None:
     """Write the next sixteen points of the sequence (nv * 16,).
 
     `pass_samples` goes on by those that are used [rad or m]. Each fills a box of its own: all of the limits, or the
-    part within reach of a point of `way`. A coordinate that turns without end has no limits but a turn's length, and
+    part within reach of a point of `path`. A coordinate that turns without end has no limits but a turn's length, and
     goes the short way. Rotations are drawn evenly. `places` (nv + 1,) is where in its box the last one was, as shares
     of its sides, and which box that was.
     """
     along = _shares(sampling, places, nv)
-    reach = select(along < NEAR, splat(way.reach), np.inf)
+    reach = select(along < NEAR, splat(path.reach), np.inf)
     along = along * np.float32(1.0 / NEAR)
     for j in range(nv):
-        at, period, width = way.nodes[way.start + j * way.stride], sampling.period[j], np.float32(sampling.width[j])
-        apart, lower = way.nodes[way.goal + j * way.stride] - at, np.float32(sampling.lower[j])
+        at, period, width = path.nodes[path.start + j * path.stride], sampling.period[j], np.float32(sampling.width[j])
+        apart, lower = path.nodes[path.goal + j * path.stride] - at, np.float32(sampling.lower[j])
         if period != 0.0:
             apart -= np.float32(np.rint(apart * sampling.frequency[j])) * period
         middle = along * apart + at

@@ -83,7 +83,7 @@ def buckets_for(nv: int, capacity: int) -> Buckets:
 
 
 @vector_part
-def short_way(apart: Vector, period: float, frequency: float) -> Vector:
+def wrap_difference(apart: Vector, period: float, frequency: float) -> Vector:
     """Differences of a coordinate, the short way round if it wraps."""
     if period != 0.0:
         apart = apart - rint(apart * frequency) * period
@@ -202,7 +202,7 @@ def _nearest_in(
         total = splat(0.0)
         for j in range(nv):
             apart = load(buckets.inside, (start * nv + j) * BUCKET + half) - target[j]
-            apart = short_way(apart, sampling.period[j], sampling.frequency[j])
+            apart = wrap_difference(apart, sampling.period[j], sampling.frequency[j])
             total = total + apart * apart
         mask = below(total, splat(best))
         while mask:
@@ -233,7 +233,7 @@ def nearest_in_buckets(
         total = splat(0.0)
         for j in range(nv):
             at = (tree * nv + j) * n + group
-            apart = short_way(load(buckets.middles, at) - point[j], sampling.period[j], sampling.frequency[j])
+            apart = wrap_difference(load(buckets.middles, at) - point[j], sampling.period[j], sampling.frequency[j])
             apart = largest_of(magnitude(apart) - load(buckets.halves, at), splat(0.0))
             total = total + apart * apart
         total = total * _CERTAIN

@@ -31,7 +31,7 @@ from guidefield.kernels.simd.vector import (
     store,
 )
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
-from guidefield.kernels.tree.kd_buckets import KNOWN, STATE, Buckets, nearest_in_buckets, put_in_bucket, short_way
+from guidefield.kernels.tree.kd_buckets import KNOWN, STATE, Buckets, nearest_in_buckets, put_in_bucket, wrap_difference
 
 RANGE = 1.0  # longest extension of a tree, by the metric [rad]
 LATE = 1024  # newest nodes of a tree that are examined one by one, at most; buckets pay for more
@@ -99,10 +99,10 @@ def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
             origins[j * LANES + slot] = lane(load(nodes, at + j * capacity), 0)
     square = splat(0.0)
     for j in range(nv):
-        way = load(ends, j * LANES) - load(origins, j * LANES)
-        way = short_way(way, sampling.period[j], sampling.frequency[j])
-        store(ends, j * LANES, way)
-        square = square + way * way
+        offset = load(ends, j * LANES) - load(origins, j * LANES)
+        offset = wrap_difference(offset, sampling.period[j], sampling.frequency[j])
+        store(ends, j * LANES, offset)
+        square = square + offset * offset
     store(search.squares, 0, root(square))
     for slot in range(batch):
         longest[slot] = min(np.float32(1.0), longest[slot] / max(search.squares[slot], np.float32(1e-12)))
@@ -120,11 +120,11 @@ def step_towards(
     nv, capacity = search.nv, search.capacity
     for j in range(nv):
         origin[j] = nodes[(tree * nv + j) * capacity + node]
-        way = target[j] - origin[j]
+        offset = target[j] - origin[j]
         if sampling.period[j] != 0.0:
-            way -= np.float32(np.rint(way * sampling.frequency[j])) * sampling.period[j]
-        reached[j] = way
-        square += way * way
+            offset -= np.float32(np.rint(offset * sampling.frequency[j])) * sampling.period[j]
+        reached[j] = offset
+        square += offset * offset
     distance = math.sqrt(square)
     share = np.float32(min(1.0, longest / max(distance, 1e-12)))
     for j in range(nv):
@@ -247,7 +247,7 @@ def nearest(search: TreeSearch, tree: int, target: Floats32, sampling: Sampling)
     for i in range(known, size, LANES):
         total = splat(0.0)
         for j in range(nv):
-            apart = short_way(load(nodes, start + j * capacity + i) - target[j], period[j], frequency[j])
+            apart = wrap_difference(load(nodes, start + j * capacity + i) - target[j], period[j], frequency[j])
             total = total + apart * apart
         if size - i < LANES:
             total = select(load(pointers(_PLACES), 0) < size - i - 0.5, total, np.inf)
@@ -290,8 +290,8 @@ def nearest_to_each(search: TreeSearch, tree: int, sampling: Sampling) -> None:
             x, y = sample - nodes[row + a], sample - nodes[row + b]
             z, w = sample - nodes[row + c], sample - nodes[row + d]
             if period != 0.0:
-                x, y = short_way(x, period, frequency), short_way(y, period, frequency)
-                z, w = short_way(z, period, frequency), short_way(w, period, frequency)
+                x, y = wrap_difference(x, period, frequency), wrap_difference(y, period, frequency)
+                z, w = wrap_difference(z, period, frequency), wrap_difference(w, period, frequency)
             s, t, u, v = s + x * x, t + y * y, u + z * z, v + w * w
         which = select(s < least, splat(np.float32(a)), which)
         least = smallest_of(s, least)

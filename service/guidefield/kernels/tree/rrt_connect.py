@@ -23,7 +23,14 @@ from guidefield.kernels.jit.decorators import vector_kernel, vector_part, vector
 from guidefield.kernels.kinematics.batch_forward_kinematics import batch_placements
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import ALL_LANES, LANES, first_lane, lane, load, store
-from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling, Way, next_samples, pass_samples, sampling_of
+from guidefield.kernels.tree.informed_samples import (
+    SAMPLING,
+    Sampling,
+    StraightPath,
+    next_samples,
+    pass_samples,
+    sampling_of,
+)
 from guidefield.kernels.tree.nodes import (
     ACTIVE,
     COUNTERS,
@@ -144,8 +151,8 @@ DOMAIN = 1.1
 in it. Points that differ by so much in each coordinate are sqrt(nv) times as far apart."""
 
 NARROW, WIDER, HALFWAY = 1.5, 1.5, 64
-"""Distance of most samples from the ways between roots at first [rad or m], by how much more in the end, and after how
-many motions it is half of that: easy problems end near the way, hard ones lead further round."""
+"""Distance of most samples from the paths between roots at first [rad or m], by how much more in the end, and after how
+many motions it is half of that: easy problems end near the path, hard ones lead further round."""
 
 LEAST_DOMAIN, DOMAIN_STEP = 1.0, 1e-4
 """Least value of that radius [rad or m], and by which fraction it grows when an extension succeeds, and shrinks when it
@@ -180,7 +187,7 @@ def is_free(world: BatchWorld, sampling: Sampling, search: TreeSearch, clearance
 def _connect(
     world: BatchWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, tree: int
 ) -> bool:
-    """Grow a tree towards the target as far as the way is free; whether it got there, from the node in the counters."""
+    """Grow a tree towards the target as far as that is free; whether it got there, from the node in the counters."""
     counters = search.counters
     node = nearest(search, tree, search.target, sampling)
     while counters[SIZE + tree] < search.capacity:
@@ -209,14 +216,14 @@ def _choose_samples(search: TreeSearch, tree: int) -> int:
 
 
 @vector_part
-def way_of(search: TreeSearch, drawn: int) -> Way:
-    """Return what the next samples are near: the way between a start and a goal, every pair of which has its turns."""
+def path_between_roots(search: TreeSearch, drawn: int) -> StraightPath:
+    """Return what the next samples are near: the path between a start and a goal, every pair of which has its turns."""
     counters, capacity, motions = search.counters, search.capacity, search.counters[MOTIONS]
     turn = counters[ITERATION] + drawn
     share, other = turn * (math.sqrt(5.0) - 1.0) / 2.0, turn * (math.sqrt(2.0) - 1.0)
     start = int((share - math.floor(share)) * counters[PLANTED])
     goal = search.nv * capacity + int((other - math.floor(other)) * counters[PLANTED + 1])
-    return Way(search.nodes, start, goal, capacity, NARROW + WIDER * motions / (motions + HALFWAY))
+    return StraightPath(search.nodes, start, goal, capacity, NARROW + WIDER * motions / (motions + HALFWAY))
 
 
 @vector_step(int64(SAMPLING, SEARCH, int64))
@@ -231,7 +238,7 @@ def choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
         tree = 1 - counters[ACTIVE]
         if counters[SIZE + 1 - tree] * BALANCE <= counters[SIZE + tree]:  # the other is smaller: it goes on
             tree = 1 - tree
-        next_samples(sampling, nv, search.places, way_of(search, drawn), search.samples)
+        next_samples(sampling, nv, search.places, path_between_roots(search, drawn), search.samples)
         nearest_to_each(search, tree, sampling)
         taken, used = _choose_samples(search, tree), LANES
         while taken:

@@ -77,7 +77,7 @@ def _without_detours(world: BatchWorld, path: np.ndarray, count: int, clearance:
 def _with_shortcuts(
     world: BatchWorld, path: np.ndarray, count: int, clearance: float, resolution: float, tries: int
 ) -> int:
-    """Take straight ways between places on a path, where they are free; how many points it has then.
+    """Take straight paths between places on a path, where they are free; how many points it has then.
 
     Each try may need one row more; the last two are for looking ahead.
     """
@@ -102,7 +102,7 @@ def _with_shortcuts(
 def shorten(
     words: Indices, path: Rows, clearance: float, resolution: float, tries: int, rows: SingleRows, short_out: RowsOut
 ) -> int:
-    """Leave out detours of a path (n, nv), take straight ways between places on it, and leave out detours again.
+    """Leave out detours of a path (n, nv), take straight paths between places on it, and leave out detours again.
 
     `words` are a packed `BatchWorld`, `clearance` is kept from obstacles [m], `resolution` is samples per length
     [1/rad or 1/m], `tries` the number of pairs of places; scratch of shape (n + tries + 2, nv), float32, and so is

@@ -1,8 +1,8 @@
-"""Derive guide planes that nobody gave: along a coarse way of the tip, at bottlenecks, mouths and bends.
+"""Derive guide planes that nobody gave: along a coarse path of the tip, at bottlenecks, mouths and bends.
 
-service/docs/algorithm.md, "Guide planes that nobody gave": a wavefront finds the way; planes stand where it is
+service/docs/algorithm.md, "Guide planes that nobody gave": a wavefront finds the path; planes stand where it is
 narrowest, where free space turns into a passage (a taper is not narrowest at its mouth), and where the centres of two
-planes don't see each other. Each is the free cross-section there, and is moved along the way to the smallest one
+planes don't see each other. Each is the free cross-section there, and is moved along the path to the smallest one
 nearby.
 
 A plane is a proposal: other constants, above 0, give other planes or none, and so other motions. Lengths are for a
@@ -32,34 +32,34 @@ from guidefield.read_only import ReadOnly
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.guide_plane import GuidePlane, axes_across, build, centroid
 
-GRID_SPACING = 0.05  # spacing of the grid in which the tip's way is searched for [m], at size 1. Unrecorded
+GRID_SPACING = 0.05  # spacing of the grid in which the tip's path is searched for [m], at size 1. Unrecorded
 MOST_POINTS = 2_000_000  # points of the grid: it is made coarser where it would have more. Unrecorded
 LEAST_RADIUS = 0.005  # radius of a tip whose joint carries no body: it passes any gap that the grid sees [m]
 MOST_BETWEEN = 1000  # points that are examined between the start and a goal in its cell of the grid, at most. A choice
 AROUND = 0.3  # distance by which the grid extends beyond obstacles, start and goal [m]. Unrecorded
-# clearance at which a way costs twice its length [m]: ways with much of it are looked for first. Unrecorded
+# clearance at which a path costs twice its length [m]: paths with much of it are looked for first. Unrecorded
 COMFORTS = (0.2, 0.1, 0.05, 0.02)
 LEAST_AMPLE = 0.1  # clearance that counts even where an end is in a narrower tube [m]. Unrecorded
-SMOOTHINGS = 8  # how often the way is drawn straight and pushed off the obstacles. Unrecorded
-PUSH = 0.3  # share of what is missing to free clearance by which a point of the way is pushed. Unrecorded
-CLEARANCE_KEPT = 0.98  # no point of the way keeps less than this share of the clearance that it had. Unrecorded
+SMOOTHINGS = 8  # how often the path is drawn straight and pushed off the obstacles. Unrecorded
+PUSH = 0.3  # share of what is missing to free clearance by which a point of the path is pushed. Unrecorded
+CLEARANCE_KEPT = 0.98  # no point of the path keeps less than this share of the clearance that it had. Unrecorded
 RAYS = 24  # rays by which a free section is cut. Unrecorded
 COMPARED_RAYS = 12  # rays by which areas are compared, and points told to be enclosed. Unrecorded
 LONGEST_RAY = 0.4  # rays are followed no farther [m]: a plane in the open is this large. Unrecorded
 MOUTH = 0.8  # a passage begins where clearance falls below this share of what counts as free. Unrecorded
 PLATEAU = 0.02  # clearances that differ by less than this share are one plateau. Unrecorded
-SIGHT = 0.5  # centres see each other if their straight way keeps this share of their clearance. Unrecorded
+SIGHT = 0.5  # centres see each other if their straight path keeps this share of their clearance. Unrecorded
 SIGHT_STEP = 0.02  # spacing of the points that are examined along a line of sight [m]. Unrecorded
-NEARBY = 3  # points of the way by which a plane may be moved to a smaller section. Unrecorded
+NEARBY = 3  # points of the path by which a plane may be moved to a smaller section. Unrecorded
 APART = 0.1  # planes nearer to each other, to the start or to the goal than this are one [m]. Unrecorded
 CENTRINGS = 2  # how often a section is cut anew about its own middle. Unrecorded
-CENTRED = 0.5  # share of the clearance on the way that its middle keeps. Unrecorded
+CENTRED = 0.5  # share of the clearance on the path that its middle keeps. Unrecorded
 DISTINCT = 1e-3  # corners nearer than this share of a section's size are one. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
-class TipWay(ReadOnly):
-    """Points of a way, about evenly spaced."""
+class TipPath(ReadOnly):
+    """Points of a path, about evenly spaced."""
 
     points: np.ndarray  # shape (n, 3) [m, world]
     tangents: np.ndarray  # unit vectors along it, shape (n, 3)
@@ -67,11 +67,11 @@ class TipWay(ReadOnly):
     size: float
 
 
-def find_tip_way(
+def find_tip_path(
     tables: DistanceTables, start: np.ndarray, goal: np.ndarray, radius: float, centre: np.ndarray, reach: float,
     ample: float = np.inf, size: float = 1.0,
-) -> TipWay | None:  # fmt: skip
-    """The way of the tip with most clearance for its length, of those an arm can lie along if there are any.
+) -> TipPath | None:  # fmt: skip
+    """The path of the tip with most clearance for its length, of those an arm can lie along if there are any.
 
     None: there is none, or an end is in contact. Start and goal are points (3,) [m, world], the radius is that of the
     tip's body [m], which counts as a ball: nothing nearer to obstacles, or than half the ends' clearance where that is
@@ -89,7 +89,7 @@ def find_tip_way(
     if floor <= 0.0:
         return None
     if beside:
-        return _straight_way(tables, start, goal, floor, size)
+        return _straight_tip_path(tables, start, goal, floor, size)
     found = np.empty(int(np.prod(counts)), np.int64)
     free = np.full(len(found), np.nan, np.float32)
     cap, comforts = CAP * size, [comfort * size for comfort in COMFORTS]
@@ -145,20 +145,20 @@ def _box(
     return low, high
 
 
-def _straight_way(
+def _straight_tip_path(
     tables: DistanceTables, start: np.ndarray, goal: np.ndarray, floor: float, size: float
-) -> TipWay | None:
-    """The way straight to a goal in the start's cell of the grid; None where something may be nearer than the floor."""
+) -> TipPath | None:
+    """The straight path to a goal in the start's grid cell; None where something may be nearer than the floor."""
     length = float(np.linalg.norm(goal - start))
     steps = min(1 + int(length / floor), MOST_BETWEEN)
     between = measure_point_clearances(tables, np.linspace(start, goal, steps + 1), size)
-    if between.min() < max(floor, 0.5 * length / steps):  # balls of this radius cover the way
+    if between.min() < max(floor, 0.5 * length / steps):  # balls of this radius cover the path
         return None
     return _smooth(tables, np.array([start, goal]), size)
 
 
-def _smooth(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay:
-    """The way as a band: drawn straight, pushed off the obstacles; no point of it loses clearance."""
+def _smooth(tables: DistanceTables, points: np.ndarray, size: float) -> TipPath:
+    """The path as a band: drawn straight, pushed off the obstacles; no point of it loses clearance."""
     least, cap = CLEARANCE_KEPT * measure_point_clearances(tables, points, size), CAP * size
     for _ in range(SMOOTHINGS):
         distances, away, _ = distance_at_points(tables, points, cap)
@@ -169,7 +169,7 @@ def _smooth(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay:
         moved[1:-1] += (PUSH * (cap - np.minimum(distances, cap))[:, None] * away)[1:-1]
         keeps = measure_point_clearances(tables, moved, size) >= least
         points = np.where(keeps[:, None], moved, points)
-    return TipWay(points, _tangents(points), measure_point_clearances(tables, points, size), size)
+    return TipPath(points, _tangents(points), measure_point_clearances(tables, points, size), size)
 
 
 def _tangents(points: np.ndarray) -> np.ndarray:
@@ -188,7 +188,7 @@ NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
 def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
     """Planes that lead the tip to a point (3,) [m] or a plane's centroid, GP-auto-1, GP-auto-2 ...
 
-    None if there is no way, or an end is in contact; no planes if the tip sees the goal from the start.
+    None if there is no path, or an end is in contact; no planes if the tip sees the goal from the start.
     """
     tables = distance_tables(problem.world.scene)
     start = problem.kinematics.tip_position(problem.group.expand_from_local(problem.z_start))
@@ -196,21 +196,21 @@ def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[Guid
     centre, reach = arm_reach(problem.group)
     size = problem.group.size
     ample = min(_ample_clearance(tables, start, NORMALS, size), _ample_clearance(tables, place, normals, size))
-    way = find_tip_way(tables, start, place, tip_radius(problem.group), centre, reach, ample, size)
-    if way is None:
+    path = find_tip_path(tables, start, place, tip_radius(problem.group), centre, reach, ample, size)
+    if path is None:
         return None
-    confined, chosen = way.clearances < MOUTH * CAP * way.size, list[int]()
+    confined, chosen = path.clearances < MOUTH * CAP * path.size, list[int]()
     mouths = set((np.flatnonzero(confined[1:] & ~confined[:-1]) + 1).tolist())
-    for at in sorted(_find_bottlenecks(way) | mouths):
-        chosen = _add_place(way, chosen, _find_smallest_section(tables, way, at))
-    planes = [_plane(tables, way, at, number) for number, at in enumerate(_add_bends(tables, way, chosen), 1)]
+    for at in sorted(_find_bottlenecks(path) | mouths):
+        chosen = _add_place(path, chosen, _find_smallest_section(tables, path, at))
+    planes = [_plane(tables, path, at, number) for number, at in enumerate(_add_bends(tables, path, chosen), 1)]
     return tuple(plane for plane in planes if plane is not None)
 
 
 def _ample_clearance(tables: DistanceTables, end: np.ndarray, normals: np.ndarray, size: float) -> float:
-    """Clearance that is ample for a way with such an end [m].
+    """Clearance that is ample for a path with such an end [m].
 
-    From a tube no way is roomier than the tube: more clearance elsewhere is worth no detour. So a goal inside a tube
+    From a tube no path is roomier than the tube: more clearance elsewhere is worth no detour. So a goal inside a tube
     is reached through the tube, and not round it and in at its far end.
     """
     return (
@@ -220,79 +220,79 @@ def _ample_clearance(tables: DistanceTables, end: np.ndarray, normals: np.ndarra
     )
 
 
-def _add_place(way: TipWay, chosen: list[int], place: int) -> list[int]:
-    others = [0, len(way.points) - 1, *chosen]
-    if min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others) < APART * way.size:
+def _add_place(path: TipPath, chosen: list[int], place: int) -> list[int]:
+    others = [0, len(path.points) - 1, *chosen]
+    if min(float(np.linalg.norm(path.points[place] - path.points[other])) for other in others) < APART * path.size:
         return chosen
     return sorted([*chosen, place])
 
 
-def _find_bottlenecks(way: TipWay) -> set[int]:
+def _find_bottlenecks(path: TipPath) -> set[int]:
     """Local minima of clearance; of a plateau its first and last point."""
-    clear, found = way.clearances, set()
+    clear, found = path.clearances, set()
     first = 0
     for k in range(1, len(clear)):
         if abs(clear[k] - clear[first]) <= PLATEAU * clear[first]:
             continue
         falls = first > 0 and clear[first - 1] > clear[first]
-        if falls and clear[k] > clear[k - 1] and clear[first] < CAP * way.size:
+        if falls and clear[k] > clear[k - 1] and clear[first] < CAP * path.size:
             found |= {first, k - 1}
         first = k
     return found
 
 
-def _add_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[int]:
+def _add_bends(tables: DistanceTables, path: TipPath, chosen: list[int]) -> list[int]:
     """With one between every two, start and goal among them, that don't see each other: farthest from their chord."""
-    looked = [0, *chosen, len(way.points) - 1]
+    looked = [0, *chosen, len(path.points) - 1]
     k = 0
     while k + 1 < len(looked):
         a, b = looked[k], looked[k + 1]
-        if b - a < 3 or _can_see(tables, way, a, b):
+        if b - a < 3 or _can_see(tables, path, a, b):
             k += 1
             continue
-        chord = way.points[b] - way.points[a]
-        between = way.points[a + 1 : b] - way.points[a]
+        chord = path.points[b] - path.points[a]
+        between = path.points[a + 1 : b] - path.points[a]
         share = np.clip(between @ chord / max(float(chord @ chord), 1e-12), 0.0, 1.0)
         away = np.linalg.norm(between - share[:, None] * chord, axis=1)
-        bend = _find_smallest_section(tables, way, a + 1 + int(np.argmax(away)), (a, b))
-        if _add_place(way, [place for place in looked if 0 < place < len(way.points) - 1], bend).count(bend):
+        bend = _find_smallest_section(tables, path, a + 1 + int(np.argmax(away)), (a, b))
+        if _add_place(path, [place for place in looked if 0 < place < len(path.points) - 1], bend).count(bend):
             looked.insert(k + 1, bend)
         else:
             k += 1
     return looked[1:-1]
 
 
-def _can_see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
-    """Return whether the straight way between two places keeps a share of the clearance that they have."""
-    step = SIGHT_STEP * way.size
-    steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / step)))
-    points = np.linspace(way.points[a], way.points[b], steps + 1)
-    local = float(min(way.clearances[a], way.clearances[b]))
-    return float(measure_point_clearances(tables, points, way.size).min()) >= SIGHT * local
+def _can_see(tables: DistanceTables, path: TipPath, a: int, b: int) -> bool:
+    """Return whether the straight path between two places keeps a share of the clearance that they have."""
+    step = SIGHT_STEP * path.size
+    steps = max(2, int(np.ceil(float(np.linalg.norm(path.points[b] - path.points[a])) / step)))
+    points = np.linspace(path.points[a], path.points[b], steps + 1)
+    local = float(min(path.clearances[a], path.clearances[b]))
+    return float(measure_point_clearances(tables, points, path.size).min()) >= SIGHT * local
 
 
 def _find_smallest_section(
-    tables: DistanceTables, way: TipWay, place: int, within: tuple[int, int] | None = None
+    tables: DistanceTables, path: TipPath, place: int, within: tuple[int, int] | None = None
 ) -> int:
-    """The place near another, and within a stretch of the way, where the section is smallest."""
-    first, last = within or (0, len(way.points) - 1)
+    """The place near another, and within a segment of the path, where the section is smallest."""
+    first, last = within or (0, len(path.points) - 1)
     places = np.arange(max(first + 1, place - NEARBY), min(last, place + NEARBY + 1))
     if not len(places):
         return place
-    across = np.array([axes_across(way.tangents[k]) for k in places])
-    areas = measure_open_areas(tables, way.points[places], across, way.size)
+    across = np.array([axes_across(path.tangents[k]) for k in places])
+    areas = measure_open_areas(tables, path.points[places], across, path.size)
     return int(places[np.lexsort([np.abs(places - place), areas])[0]])
 
 
-def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> GuidePlane | None:
-    across = axes_across(way.tangents[place])
-    centre = way.points[place].copy()
+def _plane(tables: DistanceTables, path: TipPath, place: int, number: int) -> GuidePlane | None:
+    across = axes_across(path.tangents[place])
+    centre = path.points[place].copy()
     for _ in range(CENTRINGS):
-        moved = centre + centroid(find_free_section(tables, centre, across, way.size)) @ across
-        if measure_point_clearances(tables, moved[None], way.size)[0] < CENTRED * way.clearances[place]:
+        moved = centre + centroid(find_free_section(tables, centre, across, path.size)) @ across
+        if measure_point_clearances(tables, moved[None], path.size)[0] < CENTRED * path.clearances[place]:
             break
         centre = moved
-    corners = _merge_corners(find_free_section(tables, centre, across, way.size))
+    corners = _merge_corners(find_free_section(tables, centre, across, path.size))
     vertices = [tuple(vertex) for vertex in (centre + corners @ across).tolist()]
     try:
         return build(messages.GuidePlane(name=f"GP-auto-{number}", vertices=vertices), number - 1)

@@ -5,7 +5,7 @@ itself, a slide may not undo an advance (guard), the tip heads for the polygon i
 stops at the plane, and every accepted step belongs to the path.
 
 A plane that `explain_unreachable` names is refused without a search, so its bounds must hold: the reach may be larger,
-never too small. With fewer `DIVISIONS` the way to a blocked plane is searched for in vain. The insets are a choice:
+never too small. With fewer `DIVISIONS` the path to a blocked plane is searched for in vain. The insets are a choice:
 farther from a polygon's edges, or through more of it; a plane counts as blocked if its part within `INSET` is.
 
 Each step is judged free when it is taken (`GuidedPath.free`, or the same capsules in kernels), so the other constants

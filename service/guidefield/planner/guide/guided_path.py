@@ -7,7 +7,7 @@ robot's very shapes a no counts as contact: larger `SELF_MARGIN` and `SWEPT_RESO
 Descents whose kernels judge steps get both numbers, too.
 
 `RESOLUTION` is time, but for what all but touches: samples refuse that. `COMFORTABLE`, `MARGINS` (also for the kernel
-of whole rounds, `rounds.py`) and `DIPS` choose between free ways. Lengths in m are for a robot of size 1.
+of whole rounds, `rounds.py`) and `DIPS` choose between free paths. Lengths in m are for a robot of size 1.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ from guidefield.robot.model.joints import Configuration, LocalPoint
 from guidefield.scene.distance_tables import distance_tables
 
 RESOLUTION = 32.0  # samples of a motion per length in local coordinates [1/rad or 1/m], as a tree's motions have
-COMFORTABLE = 0.02  # a straight way that keeps this is taken without comparing [m], at size 1. Unrecorded
-# distances from obstacles by which ways are compared, the widest first [m]. Unrecorded
+COMFORTABLE = 0.02  # a straight path that keeps this is taken without comparing [m], at size 1. Unrecorded
+# distances from obstacles by which paths are compared, the widest first [m]. Unrecorded
 MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
-# distances from obstacles [m]: a way dips without the widest one that both its ends keep. With it Univariate keeps 46
+# distances from obstacles [m]: a path dips without the widest one that both its ends keep. With it Univariate keeps 46
 # and 17 mm in the thesis' tapered and blocked passages
 DIPS = (0.06, 0.045, 0.03, 0.015)
 SELF_MARGIN = 1e-4  # what capsules of the robot keep from each other [m], at size 1
@@ -197,7 +197,7 @@ class GuidedPath:
 
         Advances lead to the walls and descents back: from one plane's minimum to the next one's the straight motion is
         shorter and mostly farther from the obstacles. It need not be, so every step is kept until this is known. Where
-        the straight way comes close, the first of it, one through a single step, and all steps stays that keeps the
+        the straight path comes close, the first of it, one through a single step, and all steps stays that keeps the
         widest margin.
         """
         steps = self.path[since:]
@@ -215,7 +215,7 @@ class GuidedPath:
             del self.path[since + 1 : -1]
 
     def dips(self, since: int) -> bool:
-        """Return whether the way from an earlier configuration comes nearer to obstacles than both its ends do."""
+        """Return whether the path from an earlier configuration comes nearer to obstacles than both its ends do."""
         swept, ends = swept_world(self.problem.world), (self.path[since], self.q)
         margins = (dip * self.size for dip in DIPS)
         margin = next((margin for margin in margins if all(swept.keeps(q, margin) for q in ends)), None)
@@ -249,7 +249,7 @@ class GuidedPath:
     def take(
         self, q: Configuration, kind: StepKind, message: str, potential: float | None = None, *, kept: bool = True
     ) -> None:
-        """Accept a configuration (nq,); it isn't of the path where a straight way was found that leaves it out."""
+        """Accept a configuration (nq,); it isn't of the path where a straight path was found that leaves it out."""
         if kept:
             self.path.append(q)
             self._tip = None

@@ -92,7 +92,7 @@ def first_motion(motion: Trajectory, limits: MotionLimits, settings: Optimizatio
 
 
 def slowed(spline: BSpline, problem: Problem) -> BSpline:
-    """A spline from rest to rest, slower where limits of speed in space need it on its way."""
+    """A spline from rest to rest, slower where limits of speed in space need it on its path."""
     if not problem.cartesian_limits:
         return spline
     samples = LoadSamples.of(problem.cartesian_limits, spline.pieces, problem.group.nv)
@@ -401,9 +401,9 @@ def least_time(problem: Problem, spline: BSpline) -> float:
 
     By limits of speed in space that of their straight motion of all joints together.
     """
-    way = np.abs(spline.end.position - spline.start.position)
+    offset = np.abs(spline.end.position - spline.start.position)
     top, rise = problem.group.velocity_limits, problem.group.acceleration_limits
-    longest = float(np.where(way > top**2 / rise, way / top + top / rise, 2.0 * np.sqrt(way / rise)).max())
+    longest = float(np.where(offset > top**2 / rise, offset / top + top / rise, 2.0 * np.sqrt(offset / rise)).max())
     if not problem.cartesian_limits:
         return longest
     shares = np.linspace(0.0, 1.0, STRAIGHT_PIECES - 1)[1:-1, None]

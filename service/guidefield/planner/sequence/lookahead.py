@@ -1,7 +1,7 @@
 """Choose goals of a step that leave the later steps possible.
 
 Ends of steps are examined, not the motions between them: each later step needs a configuration that is free there, and
-a straight way one from which the robot can follow it, from some configuration that the steps before it leave.
+a straight line one from which the robot can follow it, from some configuration that the steps before it leave.
 
 With more `ENOUGH`, `BRANCHES` and `DRAWS`, all above 0, fewer possible sequences are refused, for more time. With more
 `MAX_EXAMINED_STEPS` impossible ones are refused sooner, but also those whose later ends are among configurations that
@@ -21,9 +21,9 @@ import numpy as np
 from guidefield.collision.clearance import blocking_pairs, contacts_at
 from guidefield.errors import Status
 from guidefield.planner.ends import explain_unreached, find_goal_points
+from guidefield.planner.sequence.cartesian_line import CartesianLine, follow_line, make_stop_ending
 from guidefield.planner.sequence.segments import whole_configuration
 from guidefield.planner.sequence.step_sequence import S, StepMotion, StepSequence
-from guidefield.planner.sequence.straight_way import StraightWay, follow_way, make_stop_ending
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
@@ -63,7 +63,7 @@ def keep_possible_goals(steps: StepSequence[S], index: int, at: S, motion: StepM
     """
     problem = motion.problem
     last = not any(steps.moves(later) for later in range(index + 1, len(steps)))
-    if last or motion.way is not None or problem.guide_planes or isinstance(problem.goal, LastPlaneGoal):
+    if last or motion.line is not None or problem.guide_planes or isinstance(problem.goal, LastPlaneGoal):
         return problem
     if not isinstance(problem.goal, TipGoal) and len(problem.goal.configurations) < 2:
         return problem  # nothing to choose
@@ -131,11 +131,11 @@ def _is_possible(steps: StepSequence[S], index: int, at: S, search: _LookAhead) 
 def _find_ends(motion: StepMotion, index: int, search: _LookAhead) -> list[LocalPoint] | None:
     """Configurations in which a step may end; None if they aren't known before it is planned."""
     problem = motion.problem
-    if motion.way is None and (problem.guide_planes or isinstance(problem.goal, LastPlaneGoal)):
+    if motion.line is None and (problem.guide_planes or isinstance(problem.goal, LastPlaneGoal)):
         return None
     found: list[LocalPoint] | Ending
-    if motion.way is not None:
-        found = _find_straight_end(problem, motion.way)
+    if motion.line is not None:
+        found = _find_straight_end(problem, motion.line)
     elif isinstance(problem.goal, TipGoal):
         found = _find_reached(problem, problem.goal.target)
     else:
@@ -147,10 +147,10 @@ def _find_ends(motion: StepMotion, index: int, search: _LookAhead) -> list[Local
     return found
 
 
-def _find_straight_end(problem: Problem, way: StraightWay) -> list[LocalPoint] | Ending:
-    path, stop = follow_way(problem, way)
+def _find_straight_end(problem: Problem, line: CartesianLine) -> list[LocalPoint] | Ending:
+    path, stop = follow_line(problem, line)
     if stop is not None:
-        return make_stop_ending(problem, way, stop)
+        return make_stop_ending(problem, line, stop)
     touching = next((z for z, touches in zip(path, _touch(problem, path), strict=True) if touches), None)
     if touching is None:
         return [cast(LocalPoint, path[-1])]

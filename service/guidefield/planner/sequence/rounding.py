@@ -39,6 +39,7 @@ from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes
 from guidefield.planner.path_so_far import retime_motion, time_path, time_path_ignoring_jerk
+from guidefield.planner.sequence.cartesian_line import CartesianLine
 from guidefield.planner.sequence.segments import (
     GoalPassage,
     JoinedMotion,
@@ -48,7 +49,6 @@ from guidefield.planner.sequence.segments import (
     find_refused_part,
     find_slowest,
 )
-from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.prove.verdict import Reason, Verdict
@@ -109,30 +109,30 @@ def _can_be_optimized(parts: Sequence[StepPart]) -> bool:
     if parts[0].problem.group.nv > presets.MANY:
         return False
     for k, one in enumerate(parts):
-        problem, way = one.problem, one.way
+        problem, straight = one.problem, one.line
         if one.motion.duration == 0.0 or problem.guide_planes or problem.optimization_iterations == 0:
             return False
         goals = [beside.goal for beside in parts[max(k - 1, 0) : k + 1] if beside.goal is not None]
-        if way is not None and (way.is_point or not all(goal.is_of_tip for goal in goals)):
+        if straight is not None and (straight.is_point or not all(goal.is_of_tip for goal in goals)):
             return False
     return True
 
 
 def _sections(problem: Problem, parts: Sequence[StepPart]) -> Sections:
-    """Constraints of the whole motion; and on a straight way itself, or one beside it, or being at a goal between."""
+    """Constraints of the whole motion; and on a straight line itself, or one beside it, or being at a goal between."""
     constraints: list[PathConstraint] = list(problem.path_constraints)
     groups, near = [-1] * len(constraints), [range(len(parts))] * len(constraints)
-    for k, one in enumerate(parts):  # what is at a goal isn't held to a way as well
+    for k, one in enumerate(parts):  # what is at a goal isn't held to a line as well
         if one.goal is not None and one.goal.is_of_tip:
             constraints += _make_goal_section(one.goal)
             groups += 2 * [k]
             near += 2 * [range(k, k + 2)]
     for k, one in enumerate(parts):
-        if one.way is not None:
-            constraints += _make_way_section(one.way)
+        if one.line is not None:
+            constraints += _make_line_section(one.line)
             groups += 2 * [len(parts) + k]
             near += 2 * [range(k - 1, k + 2)]
-    straight = [one.way is not None for one in parts]
+    straight = [one.line is not None for one in parts]
     asked = np.array(
         [
             [group == -1 or (straight[k] and k in sections) for group, sections in zip(groups, near, strict=True)]
@@ -149,11 +149,11 @@ def _make_goal_section(goal: PassedGoal) -> tuple[PathConstraint, PathConstraint
     return point(frame, here.translation, limit), EvenTurn(frame, here, np.zeros(3), np.zeros(3), limit)
 
 
-def _make_way_section(way: StraightWay) -> tuple[PathConstraint, PathConstraint]:
-    begin = way.begin
+def _make_line_section(straight: CartesianLine) -> tuple[PathConstraint, PathConstraint]:
+    begin = straight.begin
     return (
-        line(way.frame, begin.translation, way.direction, way.line_tolerance),
-        EvenTurn(way.frame, begin, way.shift, way.turn, way.turn_tolerance),
+        line(straight.frame, begin.translation, straight.direction, straight.line_tolerance),
+        EvenTurn(straight.frame, begin, straight.shift, straight.turn, straight.turn_tolerance),
     )
 
 
@@ -162,7 +162,7 @@ def _choose_settings(problem: Problem, parts: Sequence[StepPart], motion: Trajec
     wanted = math.ceil(length_of(motion.positions) / (PIECE_SHARE * radius))
     least = min(max(wanted, LEAST_PIECES * len(parts)), MOST_PIECES)
     settings = presets.sized(presets.OPTIMIZATION[problem.objective], problem.group.size)
-    keeps = problem.path_constraints or any(one.way is not None for one in parts)
+    keeps = problem.path_constraints or any(one.line is not None for one in parts)
     settings = presets.constrained(settings) if keeps else settings
     return dataclasses.replace(settings, least_pieces=least, most_pieces=max(MOST_PIECES, least))
 
@@ -176,9 +176,9 @@ def _passages(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[Passage,
 
 def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) -> JoinedMotion:
     goals = [one.goal for one in parts if one.goal is not None]
-    straight = [one.way is not None for one in parts]
-    next_to_ways = [goal for goal, *ways in zip(goals, straight, straight[1:], strict=False) if any(ways)]
-    knots, motion = motion.times[[0, *passed, -1]], _add_edges(motion, next_to_ways)
+    straight = [one.line is not None for one in parts]
+    next_to_lines = [goal for goal, *both in zip(goals, straight, straight[1:], strict=False) if any(both)]
+    knots, motion = motion.times[[0, *passed, -1]], _add_edges(motion, next_to_lines)
     bounds = np.searchsorted(motion.times, knots).tolist()
     passages = list[GoalPassage]()
     for goal, first, about, last in zip(goals, bounds, bounds[1:], bounds[2:], strict=False):
@@ -190,7 +190,7 @@ def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) 
 def _add_edges(motion: Trajectory, goals: Sequence[PassedGoal]) -> Trajectory:
     """Return the same motion with a knot wherever it enters or leaves a goal's radius, just within it.
 
-    From its last knot within a radius on it has to keep to a straight way, which it may reach at the edge alone.
+    From its last knot within a radius on it has to keep to a straight line, which it may reach at the edge alone.
     """
     times, edges = motion.times, list[float]()
     for goal in goals:
@@ -304,7 +304,7 @@ def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right:
 SPACING = 0.03  # between places of the path that is timed, at most [rad or m]
 TRIES = 10  # motions that are judged at most
 TIGHTER = 0.5  # the corners next to what is refused are this much smaller the next time
-# places, and the pieces of a motion with limits of jerk, are this many times as dense the next time where a way, or a
+# places, and the pieces of a motion with limits of jerk, are this many times as dense the next time where a line, or a
 # goal, isn't kept to
 DENSER = 2
 DENSEST = 32  # this many times as dense at most
@@ -383,7 +383,7 @@ def _exceeds(parts: Sequence[StepPart], joined: JoinedMotion) -> bool:
 
 
 def _retime(parts: Sequence[StepPart], joined: JoinedMotion, stages: Stages) -> JoinedMotion | None:
-    """A motion past goals timed for limits beside those of rates along its way, certified; None where that's slower.
+    """A motion past goals timed for limits beside those of rates along its path, certified; None where that's slower.
 
     It passes goals at the same places.
     """
@@ -393,7 +393,7 @@ def _retime(parts: Sequence[StepPart], joined: JoinedMotion, stages: Stages) -> 
     found = None if spline is None else bring_onto_planes(problem, spline, crossed)
     if found is None or found[0].duration >= joined.motion.duration:
         return None
-    made = _join(found[0], [found[1][k] for k in crossed.on_way], parts)
+    made = _join(found[0], [found[1][k] for k in crossed.passage_planes], parts)
     with stages.entered("certify", "the same, timed anew for limits of the whole") as stage:
         fault = find_refused_part(parts, made)
         stage.outcome = "free" if fault is None else fault[1].reason.value

@@ -27,8 +27,8 @@ from guidefield.planner.motion_certificate import (
     judge_drawn,
     judge_itself,
 )
+from guidefield.planner.sequence.cartesian_line import CartesianLine, certify_straight
 from guidefield.planner.sequence.step_sequence import AllowedContact
-from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.planner.task.motion_limits import take_lowest
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem, TipGoal
 from guidefield.prove.verdict import Verdict
@@ -158,7 +158,7 @@ class SequenceSegment(Conditions):
 
     index: int
     motion: Trajectory
-    way: StraightWay | None = None
+    line: CartesianLine | None = None
     drawn: SubmittedMotion | None = None  # what a controller draws of it; None: the motion itself is executed
 
     @property
@@ -179,18 +179,18 @@ def make_segments(
     trajectory: Trajectory,
     span: tuple[float, float],
     permissions: Sequence[AllowedContact],
-    way: StraightWay | None,
+    line: CartesianLine | None,
     straight: tuple[float, float],
 ) -> list[SequenceSegment]:
     """The segments of a step.
 
     Args:
-        trajectory: The sequence's, with a knot wherever a permission, or a straight way, begins or ends.
+        trajectory: The sequence's, with a knot wherever a permission, or a straight line, begins or ends.
         span: When the step begins and ends [s].
         straight: From when to when it goes straight [s]; not at all where that is no time.
     """
     begin, end = span
-    changes = [time for one in permissions for time in (one.begin, one.end)] + list(straight if way else ())
+    changes = [time for one in permissions for time in (one.begin, one.end)] + list(straight if line else ())
     cuts = {time for time in changes if begin < time < end}
     fields = {field.name: getattr(conditions, field.name) for field in dataclasses.fields(Conditions)}
     segments = []
@@ -204,7 +204,7 @@ def make_segments(
             fields["allowed_collisions"], fields["world"] = conditions.allowed_collisions, conditions.world
         kept = straight[0] < straight[1] and straight[0] <= first and last <= straight[1]
         motion = cut_trajectory(trajectory, first, last)
-        segments.append(SequenceSegment(**fields, index=index, motion=motion, way=way if kept else None))
+        segments.append(SequenceSegment(**fields, index=index, motion=motion, line=line if kept else None))
     return segments
 
 
@@ -245,9 +245,9 @@ def certify_segment(segment: SequenceSegment, deadline: Deadline = UNLIMITED) ->
         begin, pieces = drawn.along(0, 0.0)[1] or 0.0, drawn.straight if drawn.kind is CurveKind.STEPS else drawn.pieces
         inside = find_enclosed_start(segment, drawn.start, begin)
         verdict, stretched = judge_drawn(segment, drawn, deadline) if inside is None else (inside, 1.0)
-    if not verdict.free or segment.way is None:
+    if not verdict.free or segment.line is None:
         return verdict, stretched
-    kept = certify_straight(segment.way, segment.group, segment.world.bodies.turns, pieces, deadline)
+    kept = certify_straight(segment.line, segment.group, segment.world.bodies.turns, pieces, deadline)
     return dataclasses.replace(kept, evaluations=verdict.evaluations + kept.evaluations), stretched
 
 
@@ -262,7 +262,7 @@ class PassedGoal(ReadOnly):
 
     problem: Problem
     z: LocalPoint  # where it would end, local coordinates, shape (nv,)
-    radius: float  # how far from there its way may be left [m, rad]
+    radius: float  # how far from there its path may be left [m, rad]
 
     @property
     def tip_plane(self) -> None:
@@ -334,7 +334,7 @@ class StepPart:
 
     problem: Problem
     motion: Trajectory  # its motion, from rest to rest, which begins where the one before ends
-    way: StraightWay | None
+    line: CartesianLine | None
     goal: PassedGoal | None  # what is passed at its end; None for the last
 
 
@@ -406,14 +406,14 @@ def find_refused_part(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[
 
 
 def _judge_part(one: StepPart, motion: Trajectory, all_of: tuple[int, int], straight: tuple[int, int]) -> Verdict:
-    """Return whether a part is free between two knots, and keeps to its way between two others."""
+    """Return whether a part is free between two knots, and keeps to its line between two others."""
     problem = one.problem
     verdict = judge_itself(problem, _cut(motion, *all_of))
-    if not verdict.free or one.way is None or straight[0] >= straight[1]:
+    if not verdict.free or one.line is None or straight[0] >= straight[1]:
         return verdict
     pieces = _cut(motion, *straight).bezier()
     turns = problem.world.bodies.turns
-    kept = certify_straight(one.way, problem.group, turns, pieces, problem.deadline)
+    kept = certify_straight(one.line, problem.group, turns, pieces, problem.deadline)
     return dataclasses.replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 

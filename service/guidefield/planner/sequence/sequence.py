@@ -22,6 +22,7 @@ from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import CERTIFY_GRACE_S, find_excess
 from guidefield.planner.plan import Plan
+from guidefield.planner.sequence.cartesian_line import CartesianLine
 from guidefield.planner.sequence.lookahead import StepRefusal, keep_possible_goals
 from guidefield.planner.sequence.rounding import join_motions
 from guidefield.planner.sequence.segments import (
@@ -44,7 +45,6 @@ from guidefield.planner.sequence.step_sequence import (
     find_allowed_times,
     find_held_spans,
 )
-from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.planner.task.stages import Ending, Stages, make_refusal
 from guidefield.planner.task.trace import Event, Note, Observer, PathRelaxed, StageLeft, Step, TreeGrown
@@ -69,7 +69,7 @@ class StepResult(ReadOnly, Generic[S]):
     conditions: Conditions  # what the motion of all joints is judged by, where nothing may touch
     # what the planner found, local coordinates of all joints, shape (n, nv); the start alone where nothing moves
     path: LocalPoints
-    way: StraightWay | None = None
+    line: CartesianLine | None = None
     straight: tuple[float, float] = (0.0, 0.0)  # from when to when it does [s]: not while a goal is passed
     problem: Problem | None = None  # what was planned; None where nothing moves
     passed: float | None = None  # how near to the goal it ends, as `PassedGoal.distances` [m, rad], where it is passed
@@ -164,9 +164,9 @@ class _SequencePlanning(Generic[S]):
             self._moved.append(_StepMotion(motion, made.trajectory, embedding))
             self._z = cast(LocalPoint, embedding.points(made.trajectory.positions[-1:])[0])
             q = whole_configuration(group, group.from_local(made.trajectory.positions[-1]))
-        way, problem = (None, None) if motion is None else (motion.way, motion.problem)
+        line, problem = (None, None) if motion is None else (motion.line, motion.problem)
         now = self._composition.end
-        self._legs.append(StepResult(index, at, (now, now), conditions, path, way, (now, now), problem))
+        self._legs.append(StepResult(index, at, (now, now), conditions, path, line, (now, now), problem))
         if steps.passes(index) is None:
             self._composed(index)
         began = working_time()
@@ -222,7 +222,7 @@ class _SequencePlanning(Generic[S]):
             world = World.build(problem.group, first.scene, problem.allowed_collisions)
             problem = dataclasses.replace(problem, scene=first.scene, world=world)
         goal = None if radius is None else PassedGoal(problem, turned.positions[-1], radius)
-        return StepPart(problem, turned, moved.motion.way, goal)
+        return StepPart(problem, turned, moved.motion.line, goal)
 
     def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | StepRefusal:
         watched = StepObserver(self._observer, motion.problem.group, self._whole, embedding)
@@ -300,7 +300,7 @@ class _SequencePlanning(Generic[S]):
             segment
             for leg in legs
             for segment in make_segments(
-                leg.index, leg.conditions, trajectory, leg.span, permissions, leg.way, leg.straight
+                leg.index, leg.conditions, trajectory, leg.span, permissions, leg.line, leg.straight
             )
         ]
         return trajectory, segments, permissions
@@ -359,7 +359,7 @@ def _name_step(index: int, ending: Ending) -> Ending:
 
 
 def _at_ticks(leg: StepResult[S], execution: ControllerModel, end: float) -> StepResult[S]:
-    """A step of a motion that ends at a time [s], which begins and ends at ticks, and so does its straight way."""
+    """A step of a motion that ends at a time [s], which begins and ends at ticks, and so does its straight line."""
     begins, ends = leg.span
     span = min(execution.next_tick(begins), end), min(execution.next_tick(ends), end)
     first = span[0] if leg.straight[0] == begins else execution.find_arrival(leg.straight[0])

@@ -15,7 +15,7 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
-from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.sequence.cartesian_line import CartesianLine
 from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.prove.closest import measure
 from guidefield.robot.model.joints import RobotConfiguration
@@ -30,7 +30,7 @@ class StepMotion:
 
     problem: Problem
     plan: Callable[[Problem], Plan]  # plans a problem as the step asks for it: this one, or the same with fewer goals
-    way: StraightWay | None = None
+    line: CartesianLine | None = None
 
 
 class Situation(Protocol):

@@ -122,7 +122,7 @@ class CartesianLimit(ReadOnly):
     def along(self, points: LocalPoints, first: LocalRates, second: LocalRates) -> CurveLimits:
         """As in `MotionLimit`.
 
-        Limits of acceleration count along the way of the fastest point and across it, each for itself.
+        Limits of acceleration count along the path of the fastest point and across it, each for itself.
         """
         count = len(points)
         speeds, velocities, bends = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
@@ -133,9 +133,9 @@ class CartesianLimit(ReadOnly):
         if not math.isfinite(self.acceleration):
             none = np.empty((count, 0))
             return CurveLimits(caps, none, none, none, none)
-        ways = velocities / np.maximum(np.linalg.norm(velocities, axis=1), 1e-30)[:, None]
-        forward = np.einsum("gk,gk->g", ways, bends)
-        across = np.linalg.norm(bends - forward[:, None] * ways, axis=1)
+        tangents = velocities / np.maximum(np.linalg.norm(velocities, axis=1), 1e-30)[:, None]
+        forward = np.einsum("gk,gk->g", tangents, bends)
+        across = np.linalg.norm(bends - forward[:, None] * tangents, axis=1)
         with np.errstate(divide="ignore"):
             caps = np.minimum(caps, SHARED * self.acceleration / across)
         kept = np.full((count, 1), SHARED * self.acceleration)
@@ -143,7 +143,7 @@ class CartesianLimit(ReadOnly):
 
 
 SHARED = 0.85
-"""Share of an acceleration's limit that is allowed along the way, and as much across it.
+"""Share of an acceleration's limit that is allowed along the path, and as much across it.
 
 With the root of a half (0.71) both together keep the limit; with more they may exceed it, and the motion is stretched.
 """

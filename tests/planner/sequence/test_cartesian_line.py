@@ -15,9 +15,9 @@ from guidefield.collision.world import World
 from guidefield.engine import answer
 from guidefield.messages.replies import PlanReply
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.sequence.cartesian_line import CartesianLine, certify_straight
 from guidefield.planner.sequence.rounding import CurveByLength, round_corners
 from guidefield.planner.sequence.segments import PassedGoal
-from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.prove.verdict import Reason
 from guidefield.robot.group.kinematics import Kinematics
 
@@ -77,15 +77,15 @@ def test_a_line_just_beyond_reach_says_so_and_never_that_all_of_it_was_gone() ->
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def off(way: StraightWay, placement: pin.SE3) -> tuple[float, float]:
+def off(line: CartesianLine, placement: pin.SE3) -> tuple[float, float]:
     """Distance from the segment, and angle from the even turning there, by formulas of their own [m, rad]."""
-    along = way.end.translation - way.begin.translation
+    along = line.end.translation - line.begin.translation
     share = 0.0
     if along @ along > 0.0:
-        share = float((placement.translation - way.begin.translation) @ along / (along @ along))
+        share = float((placement.translation - line.begin.translation) @ along / (along @ along))
     inside = float(np.clip(share, 0.0, 1.0))
-    nearest = way.begin.translation + inside * along
-    even = way.begin.rotation @ pin.exp3(share * pin.log3(way.begin.rotation.T @ way.end.rotation))
+    nearest = line.begin.translation + inside * along
+    even = line.begin.rotation @ pin.exp3(share * pin.log3(line.begin.rotation.T @ line.end.rotation))
     cosine = 0.5 * (np.trace(even.T @ placement.rotation) - 1.0)
     return float(np.linalg.norm(placement.translation - nearest)), float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
@@ -103,21 +103,21 @@ def test_what_is_certified_is_within_its_tolerances_at_dense_samples(seed: int, 
     t = np.linspace(0.0, 1.0, 101)[:, None]
     samples = sum(c * (1 - t) ** (3 - k) * t**k * curve[k] for k, c in enumerate((1, 3, 3, 1)))
     placed = [kinematics.frame_placement(arm.expand_from_local(z), arm.tip_id) for z in samples]
-    loose = StraightWay(arm.tip, *ends, 1.0, 3.0)
+    loose = CartesianLine(arm.tip, *ends, 1.0, 3.0)
     worst = np.max([off(loose, one) for one in placed], axis=0)
     turns = World.build(arm, scene_of()).bodies.turns
     for factor, free in ((0.9, False), (1.3, True)):
         tolerances = factor * worst + 1e-6
-        way = StraightWay(arm.tip, *ends, *tolerances.tolist())
-        verdict = certify_straight(way, arm, turns, curve[None])
-        assert verdict.free == free or (free and _beyond(way, placed))
+        line = CartesianLine(arm.tip, *ends, *tolerances.tolist())
+        verdict = certify_straight(line, arm, turns, curve[None])
+        assert verdict.free == free or (free and _beyond(line, placed))
         if not verdict.free:
             assert verdict.reason is Reason.PATH_CONSTRAINT
 
 
-def _beyond(way: StraightWay, placed: list[pin.SE3]) -> bool:
-    """Whether the frame is turned from the way's own direction beyond an end, where the oracle's share goes on."""
-    return any(not 0.0 <= way.share(one) <= 1.0 for one in placed)
+def _beyond(line: CartesianLine, placed: list[pin.SE3]) -> bool:
+    """Whether the frame is turned from the line's own direction beyond an end, where the oracle's share goes on."""
+    return any(not 0.0 <= line.share(one) <= 1.0 for one in placed)
 
 
 def test_turning_on_the_spot_may_take_its_time() -> None:
@@ -127,19 +127,19 @@ def test_turning_on_the_spot_may_take_its_time() -> None:
     last = z.copy()
     last[-1] = z[-1] + 0.5
     ends = [kinematics.frame_placement(arm.expand_from_local(one), arm.tip_id) for one in (z, last)]
-    way = StraightWay(arm.tip, *ends, 1e-4, 1e-3)
+    line = CartesianLine(arm.tip, *ends, 1e-4, 1e-3)
     turns = World.build(arm, scene_of()).bodies.turns
     shares = np.array([0.0, 0.7, 0.8, 1.0])[:, None]
-    assert certify_straight(way, arm, turns, (z + shares * (last - z))[None]).free
+    assert certify_straight(line, arm, turns, (z + shares * (last - z))[None]).free
     aside = z + shares * (last - z)
     aside[1, 3] += 1e-2
-    refused = certify_straight(way, arm, turns, aside[None])
+    refused = certify_straight(line, arm, turns, aside[None])
     assert refused.reason is Reason.PATH_CONSTRAINT
     assert refused.parameter == pytest.approx(0.0, abs=0.6)
 
 
-def test_a_refusal_names_the_first_piece_that_leaves_the_way() -> None:
-    """The elbow moves aside within the first piece, so that the second begins beside the way."""
+def test_a_refusal_names_the_first_piece_that_leaves_the_line() -> None:
+    """The elbow moves aside within the first piece, so that the second begins beside the line."""
     arm = group("panda")
     kinematics, z = Kinematics(arm), arm.to_local(arm.random(np.random.default_rng(3)))
     last = z.copy()
@@ -148,8 +148,8 @@ def test_a_refusal_names_the_first_piece_that_leaves_the_way() -> None:
     aside = z + np.array([0.0, 0.5, 1.0])[:, None] * (last - z)
     aside[1:, 3] += 1e-2
     pieces = np.stack([aside[:-1], aside[1:]], axis=1)
-    way = StraightWay(arm.tip, *ends, 1e-4, 1e-3)
-    refused = certify_straight(way, arm, World.build(arm, scene_of()).bodies.turns, pieces)
+    line = CartesianLine(arm.tip, *ends, 1e-4, 1e-3)
+    refused = certify_straight(line, arm, World.build(arm, scene_of()).bodies.turns, pieces)
     assert refused.piece == 0
     assert 0.0 < refused.parameter < 0.1
 

@@ -1,4 +1,4 @@
-"""Straight ways of a tip from pose to pose: why the robot can't follow one, and the certificate that it does.
+"""Straight lines of a tip from pose to pose: why the robot can't follow one, and the certificate that it does.
 
 A motion of the joints along which the tip goes straight: inverse kinematics from place to place, then time.
 
@@ -38,18 +38,18 @@ from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model.joints import TRANSLATION, Joint, LocalCurves, LocalPoint, LocalPoints
 from guidefield.robot.model.model import frame_index
 
-POINT = 1e-9  # on a way no longer than this the tip turns on the spot [m], if by more than this [rad]
+POINT = 1e-9  # on a line no longer than this the tip turns on the spot [m], if by more than this [rad]
 
 
 @dataclass(frozen=True, eq=False)
-class StraightWay:
-    """The way of a frame from one pose to another."""
+class CartesianLine:
+    """A straight line of a frame from one pose to another, along which it turns evenly."""
 
     frame: str
     begin: Any  # its placements at the ends, pinocchio.SE3 [m, world]
     end: Any
     line_tolerance: float  # how far the frame's origin may be from the straight line between the two [m]
-    turn_tolerance: float  # how far the frame may be turned away from how the way has it there [rad]
+    turn_tolerance: float  # how far the frame may be turned away from the line's orientation there [rad]
 
     @cached_property
     def shift(self) -> np.ndarray:
@@ -85,11 +85,11 @@ class StraightWay:
         return float(np.linalg.norm(self.turn))
 
     def at(self, share: float) -> Any:
-        """The frame's placement at a share of the way, a pinocchio.SE3."""
+        """The frame's placement at a share of the line, a pinocchio.SE3."""
         return pin.SE3(pin.exp3(share * self.turn) @ self.begin.rotation, self.begin.translation + share * self.shift)
 
     def share(self, placement: Any) -> float:
-        """The share of the way of a placement (pinocchio.SE3) of the frame: by its place; on the spot, by its rotation.
+        """The share of the line at a placement (pinocchio.SE3) of the frame: by its place; on the spot by its rotation.
 
         Less than 0 before its beginning, more than 1 beyond its end.
         """
@@ -106,12 +106,12 @@ class StraightWay:
         return sideways
 
     def turned(self, placement: Any) -> float:
-        """Angle between a placement (pinocchio.SE3) and the way's at its share [rad]."""
+        """Angle between a placement (pinocchio.SE3) and the line's at its share [rad]."""
         return float(np.linalg.norm(pin.log3(placement.rotation @ self.at(self.share(placement)).rotation.T)))
 
 
 REACHED = 1e-7  # largest error of a place that counts as reached [m or rad]
-REACHED_CLOSELY = 1e-10  # the same where the exact end of the way is searched for
+REACHED_CLOSELY = 1e-10  # the same where the exact end of the line is searched for
 STEPS = 20  # Newton steps to a place, from the one before
 JUMP = 0.35  # largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over
 DAMPING = 1e-6  # of the steps, times the largest singular value
@@ -120,17 +120,17 @@ FAILED_SHARES = (1.0, 0.1, 0.01)  # shares of the step that failed at which the 
 
 @dataclass(frozen=True, eq=False)
 class StraightStop(ReadOnly):
-    """The last place of a straight way that the robot can follow."""
+    """The last place of a straight line that the robot can follow."""
 
-    share: float  # of the way, that it follows
-    unreached: float  # share of the way at the next place, which it doesn't reach
+    share: float  # of the line, that it follows
+    unreached: float  # share of the line at the next place, which it doesn't reach
     z: LocalPoint  # local coordinates at the last place, shape (nv,)
 
 
-def make_stop_ending(problem: Problem, way: StraightWay, stop: StraightStop) -> Ending:
-    """The ending of a plan whose straight way can't be followed: the place, the cause, the joint with its limits."""
-    cause, sentence, details = _find_cause(problem, way, stop)
-    message = f"the tip can't go straight: {_place(way, stop.share)} {sentence}"
+def make_stop_ending(problem: Problem, line: CartesianLine, stop: StraightStop) -> Ending:
+    """The ending of a plan whose straight line can't be followed: the place, the cause, the joint with its limits."""
+    cause, sentence, details = _find_cause(problem, line, stop)
+    message = f"the tip can't go straight: {_place(line, stop.share)} {sentence}"
     return Ending(Status.NO_IK_SOLUTION, message, {"stage": "connect", "share": stop.share, "cause": cause, **details})
 
 
@@ -177,8 +177,8 @@ def _step(z: LocalPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndar
     return cast(LocalPoint, np.clip(z + step, lower, upper))
 
 
-def _find_cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
-    places = [way.at(stop.share + part * (stop.unreached - stop.share)) for part in FAILED_SHARES]
+def _find_cause(problem: Problem, line: CartesianLine, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
+    places = [line.at(stop.share + part * (stop.unreached - stop.share)) for part in FAILED_SHARES]
     for place in places:
         beyond = bring_tip(problem, stop.z, place, limited=False)
         if beyond is None or np.abs(beyond - stop.z).max() > JUMP:
@@ -209,11 +209,13 @@ def _find_limit(problem: Problem, beyond: LocalPoint) -> tuple[Joint, float, flo
     return joint, limit, lower, upper, "m" if slides else "rad"
 
 
-def _place(way: StraightWay, share: float) -> str:
+def _place(line: CartesianLine, share: float) -> str:
     percent = f"{format_rounded_down(100.0 * share, 0.1)} %"
-    if way.is_point:
-        return f"after {format_rounded_down(share * way.angle, 0.001)} rad of a turn of {way.angle:.3f} rad ({percent})"
-    length = 1000.0 * way.length
+    if line.is_point:
+        return (
+            f"after {format_rounded_down(share * line.angle, 0.001)} rad of a turn of {line.angle:.3f} rad ({percent})"
+        )
+    length = 1000.0 * line.length
     return f"{format_rounded_down(share * length, 0.1)} mm along the straight way of {length:.1f} mm ({percent})"
 
 
@@ -221,22 +223,22 @@ PIECES_AT_ONCE = 64  # pieces of a motion that are judged together
 
 
 class Deviation(NamedTuple):
-    """A bound of a frame's deviation from its way."""
+    """A bound of a frame's deviation from its line."""
 
     sideways: float  # from the line [m]
     beyond: float  # beyond an end of it [m]
-    turned: float  # from the orientation of the way there [rad]
+    turned: float  # from the orientation of the line there [rad]
 
-    def within(self, way: StraightWay) -> bool:
+    def within(self, line: CartesianLine) -> bool:
         """Return whether that is within the tolerances."""
-        return max(self.sideways, self.beyond) <= way.line_tolerance and self.turned <= way.turn_tolerance
+        return max(self.sideways, self.beyond) <= line.line_tolerance and self.turned <= line.turn_tolerance
 
 
 def certify_straight(
-    way: StraightWay, group: PlanningGroup, turns: np.ndarray, pieces: LocalCurves, deadline: Deadline = UNLIMITED
+    line: CartesianLine, group: PlanningGroup, turns: np.ndarray, pieces: LocalCurves, deadline: Deadline = UNLIMITED
 ) -> Verdict:
-    """Judge whether a frame keeps to its straight way along a motion, Bezier control points (m, k, nv)."""
-    frame = _Frame(way, group, turns)
+    """Judge whether a frame keeps to its straight line along a motion, Bezier control points (m, k, nv)."""
+    frame = _Frame(line, group, turns)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
     evaluations = 0
     while waiting:
@@ -247,12 +249,12 @@ def certify_straight(
         evaluations += len(batch)
         halves: list[tuple[int, float, float, LocalPoints]] = []
         for place, bound in enumerate(frame.bounds([one[-1] for one in batch])):
-            if bound.within(way):
+            if bound.within(line):
                 continue
             index, start, end, control = batch[place]
             narrow = np.ptp(control, axis=0).max() <= CONSTRAINT_RESOLUTION
-            if narrow or not frame.off(control[0]).within(way):
-                if halves:  # whether the way is left before this isn't decided yet
+            if narrow or not frame.off(control[0]).within(line):
+                if halves:  # whether the line is left before this isn't decided yet
                     waiting.extendleft(reversed(batch[place:]))
                     break
                 return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, control[0])
@@ -263,12 +265,12 @@ def certify_straight(
 
 
 class _Frame:
-    """A frame that is to keep to its way; owns scratch data (one per thread)."""
+    """A frame that is to keep to its line; owns scratch data (one per thread)."""
 
-    def __init__(self, way: StraightWay, group: PlanningGroup, turns: np.ndarray) -> None:
-        frame = frame_index(group.model, way.frame)
+    def __init__(self, line: CartesianLine, group: PlanningGroup, turns: np.ndarray) -> None:
+        frame = frame_index(group.model, line.frame)
         assert frame is not None, "the way's frame is the robot's"
-        self._way, self._group, self._turns, self._frame = way, group, turns, frame
+        self._line, self._group, self._turns, self._frame = line, group, turns, frame
         self._data = group.model.createData()
         self._widths = np.abs(group.expand_velocity)
 
@@ -282,14 +284,14 @@ class _Frame:
         return self._off(self.place_frame(z)[0])
 
     def _off(self, placement: Any) -> Deviation:
-        way = self._way
-        share = 0.0 if way.is_point else way.share(placement)
-        beyond = max(-share, share - 1.0, 0.0) * way.length
-        return Deviation(float(np.linalg.norm(way.sideways(placement))), beyond, way.turned(placement))
+        line = self._line
+        share = 0.0 if line.is_point else line.share(placement)
+        beyond = max(-share, share - 1.0, 0.0) * line.length
+        return Deviation(float(np.linalg.norm(line.sideways(placement))), beyond, line.turned(placement))
 
     def bounds(self, controls: Sequence[LocalPoints]) -> list[Deviation]:
-        """Bounds of the frame's deviation from its way on each of some Bezier curves, control points (k, nv)."""
-        way, curves = self._way, np.array(controls)
+        """Bounds of the frame's deviation from its line on each of some Bezier curves, control points (k, nv)."""
+        line, curves = self._line, np.array(controls)
         low, high = curves.min(axis=1), curves.max(axis=1)
         middles, e = 0.5 * (low + high), 0.5 * (high - low) @ self._widths.T
         placements, each = zip(*(self.place_frame(cast(LocalPoint, z)) for z in middles), strict=True)
@@ -298,16 +300,16 @@ class _Frame:
         shifts, rotations = np.split(moves, 2, axis=2)
         place_rest, turn_rest = self._rests(jacobians, e)
         off = np.array([self._off(placement) for placement in placements])
-        along = shifts @ way.direction
-        sideways = np.linalg.norm(shifts - along[..., None] * way.direction, axis=2).max(axis=1)
-        share = np.array([0.0 if way.is_point else way.share(placement) for placement in placements])
-        ahead = share[:, None] * way.length + along
-        beyond = np.maximum(np.maximum(-ahead.min(axis=1), ahead.max(axis=1) - way.length), 0.0)
-        if way.is_point:
-            axis = way.turn / way.angle if way.angle > 0.0 else np.zeros(3)
+        along = shifts @ line.direction
+        sideways = np.linalg.norm(shifts - along[..., None] * line.direction, axis=2).max(axis=1)
+        share = np.array([0.0 if line.is_point else line.share(placement) for placement in placements])
+        ahead = share[:, None] * line.length + along
+        beyond = np.maximum(np.maximum(-ahead.min(axis=1), ahead.max(axis=1) - line.length), 0.0)
+        if line.is_point:
+            axis = line.turn / line.angle if line.angle > 0.0 else np.zeros(3)
             even, even_rest = (rotations @ axis)[..., None] * axis, np.zeros(len(curves))
         else:
-            even, even_rest = along[..., None] / way.length * way.turn, place_rest * way.angle / way.length
+            even, even_rest = along[..., None] / line.length * line.turn, place_rest * line.angle / line.length
             beyond += place_rest
         uneven = np.linalg.norm(rotations - even, axis=2).max(axis=1)
         found = np.column_stack([off[:, 0] + sideways + place_rest, beyond, off[:, 2] + uneven + turn_rest + even_rest])
@@ -323,15 +325,15 @@ class _Frame:
         return turning * (distances * e).sum(axis=1), 0.25 * turning**2
 
 
-SPACING = 0.01  # length of the way between two places that are solved for [m]
+SPACING = 0.01  # length of the line between two places that are solved for [m]
 TURNING = 0.05  # angle between them [rad]
-FINEST = 1e-9  # if a place is not reached, nearer ones are tried, down to this share of the way
+FINEST = 1e-9  # if a place is not reached, nearer ones are tried, down to this share of the line
 DENSER = 3  # times that the places are taken twice as close if the certificate refuses the shape
 MOST_PLACES = 4000  # places at most
 
 
-def straight_plan(problem: Problem, way: StraightWay) -> Plan:
-    """Plan a motion along a straight way; no other way is searched for."""
+def straight_plan(problem: Problem, line: CartesianLine) -> Plan:
+    """Plan a motion along a straight line; no other path is searched for."""
     stages, still = Stages(problem), without_movers(problem)
     try:
         with stages.entered("ends", "start and straight way") as stage:
@@ -339,16 +341,16 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
             stage.outcome = "the start is free"
     except StageFailed as failed:
         return _make_failed_plan(problem.at(0.0), problem.z_start[None], failed.ending, stages)
-    places = _choose_places(way)
+    places = _choose_places(line)
     for attempt in range(DENSER + 1):
         with stages.entered("connect", "along the straight way") as stage:
-            path, stop = follow_way(problem, way, places)
+            path, stop = follow_line(problem, line, places)
             stage.outcome = (
                 "reached" if stop is None else f"stopped at {format_rounded_down(100.0 * stop.share, 0.1)} % of the way"
             )
         if stop is not None:
             return _make_failed_plan(
-                still, path, _find_stop_ending(problem, stage.outcome) or make_stop_ending(problem, way, stop), stages
+                still, path, _find_stop_ending(problem, stage.outcome) or make_stop_ending(problem, line, stop), stages
             )
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
             trajectory = time_path(problem, path, 2**attempt)
@@ -356,7 +358,7 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
         with stages.entered("certify", "on the exact geometry and on the straight way, between samples too") as stage:
             verdict = certify_from_start(still, trajectory, problem.deadline)
             if verdict.free:
-                verdict = _certify_straightness(still, way, trajectory.bezier())
+                verdict = _certify_straightness(still, line, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         last = attempt == DENSER or 2 * places > MOST_PLACES or problem.deadline.expired()
@@ -365,7 +367,9 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
         places *= 2
     made = CertifiedMotion(verdict, path, {}, trajectory)
     if verdict.free:
-        made = keep_schedule(problem, made, stages, lambda motion: _certify_straightness(problem, way, motion.bezier()))
+        made = keep_schedule(
+            problem, made, stages, lambda motion: _certify_straightness(problem, line, motion.bezier())
+        )
     if made.failure is not None:
         return _make_failed_plan(problem.at(0.0), problem.z_start[None], made.failure, stages)
     ended = Ending(Status.SUCCESS, "found a straight motion and certified it over its whole length")
@@ -383,14 +387,14 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
     )
 
 
-def follow_way(
-    problem: Problem, way: StraightWay, places: int | None = None
+def follow_line(
+    problem: Problem, line: CartesianLine, places: int | None = None
 ) -> tuple[LocalPoints, StraightStop | None]:
-    """Local coordinates (n, nv) with the tip at places of the way, evenly spaced, and closer where joints move much.
+    """Local coordinates (n, nv) with the tip at places of the line, evenly spaced, and closer where joints move much.
 
     Where it goes no further, or time is up, those before and the place at which it ends.
     """
-    count, z = _choose_places(way) if places is None else places, problem.z_start
+    count, z = _choose_places(line) if places is None else places, problem.z_start
     path, share = [z], 0.0
     for index in range(1, count + 1):
         there = index / count
@@ -398,7 +402,7 @@ def follow_way(
         while share < there:
             onward = there if step >= there - share else share + step
             near = REACHED if onward == there and step * count > 0.9 else REACHED_CLOSELY
-            reached = None if problem.deadline.expired() else bring_tip(problem, z, way.at(onward), near)
+            reached = None if problem.deadline.expired() else bring_tip(problem, z, line.at(onward), near)
             if reached is not None and np.abs(reached - z).max() <= JUMP:
                 share, z = onward, reached
                 path.append(z)
@@ -409,13 +413,13 @@ def follow_way(
     return np.array(path), None
 
 
-def _choose_places(way: StraightWay) -> int:
-    wanted = max(way.length / SPACING, way.angle / TURNING, 2.0)
+def _choose_places(line: CartesianLine) -> int:
+    wanted = max(line.length / SPACING, line.angle / TURNING, 2.0)
     return min(math.ceil(wanted), MOST_PLACES)
 
 
-def _certify_straightness(problem: Problem, way: StraightWay, pieces: LocalCurves) -> Verdict:
-    return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.deadline)
+def _certify_straightness(problem: Problem, line: CartesianLine, pieces: LocalCurves) -> Verdict:
+    return certify_straight(line, problem.group, problem.world.bodies.turns, pieces, problem.deadline)
 
 
 def _find_stop_ending(problem: Problem, where: str) -> Ending | None:
