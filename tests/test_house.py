@@ -54,7 +54,7 @@ OPTIONAL = {
     "xacro",
 }
 """Imported where the extra of that name is installed."""
-UNIMPORTED = {"example-robot-data", "pillow", "pycollada"}  # data, and what trimesh needs for the files that we give it
+UNIMPORTED = {"example-robot-data", "pycollada"}  # data, and what trimesh needs for the files that we give it
 COMES_WITH_NUMBA = {"llvmlite"}  # numba demands the one version that fits
 SHAPE = re.compile(r"\((?:[\w.+*/ -]|\.\.\.)+,(?:[\w.+*/, -]|\.\.\.)*\)|\(\d\)|shape")
 """How docstrings say shapes: (n, 3), (nq,), (3), or in words."""
