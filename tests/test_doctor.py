@@ -35,7 +35,7 @@ from tests.kept_runs import keep
 GIB = 2**30
 
 
-def test_every_look_finds_something_and_says_what_to_do(tmp_path: Path) -> None:
+def test_every_check_finds_something_and_says_what_to_do(tmp_path: Path) -> None:
     found = list(examination(tmp_path))
     about = [finding.about for finding in found]
     assert about == ["packages", "cores", "vectors", "memory", "disk", "runs", "kernels", "clock", "zenoh", "graphics"]
@@ -182,7 +182,7 @@ def test_a_port_is_taken_where_somebody_listens(monkeypatch: pytest.MonkeyPatch)
         assert "is taken" in session().found
 
 
-def test_a_look_that_can_not_be_taken_is_a_finding(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_check_that_can_not_be_made_is_a_finding(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def unreadable() -> Finding:
         raise PermissionError("/proc/meminfo")
 

@@ -87,10 +87,10 @@ def test_each_step_keeps_its_own() -> None:
     assert reply.steps[0].cartesian[0].speed > 0.09
 
 
-def test_past_goals_a_motion_is_timed_for_limits_along_its_way(monkeypatch) -> None:
-    """Faster than with stops, and than what is slowed down as a whole, or is timed round corners of straight ways."""
-    ways = ([0, 0.1, 0], [0.1, 0, 0], [0, 0, 0.1], [0, -0.15, 0])
-    steps = [{"goal": {"type": "relative", "position": by}, "linear": True} for by in ways]
+def test_past_goals_a_motion_is_timed_for_limits_along_its_path(monkeypatch) -> None:
+    """Faster than with stops, and than what is slowed down as a whole, or is timed round corners of straight paths."""
+    offsets = ([0, 0.1, 0], [0.1, 0, 0], [0, 0, 0.1], [0, -0.15, 0])
+    steps = [{"goal": {"type": "relative", "position": by}, "linear": True} for by in offsets]
     past = [*({**one, "stop": False, "radius": 0.08} for one in steps[:-1]), steps[-1]]
     limits = [{**TIP, "acceleration": 1.0}]  # the optimiser knows the speed, timing the acceleration too
     asked = {"robot": "panda", "scene": "table", "start": READY, "recording": "off", "cartesian_limits": limits}

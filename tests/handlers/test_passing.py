@@ -1,4 +1,4 @@
-"""Plans with steps that are passed: how near, without a stop, on their ways elsewhere, within limits, free."""
+"""Plans with steps that are passed: how near, without a stop, on their paths elsewhere, within limits, free."""
 
 import json
 import math
@@ -170,7 +170,7 @@ def test_the_slower_of_two_steps_is_minded_past_their_goal() -> None:
     assert (np.abs(reply.trajectory.velocities[since:]).max(axis=0) <= np.array(tops) * (1.0 + 1e-9)).all()
 
 
-def test_a_straight_way_that_turns_is_passed() -> None:
+def test_a_straight_line_that_turns_is_passed() -> None:
     """The tip turns by half a radian about its own axis while it goes to the side."""
     turned = {"quaternion_xyzw": [0.0, 0.0, np.sin(0.25), np.cos(0.25)]}
     side = {"linear": True, "goal": {"type": "relative", "position": [0.0, 0.15, 0.0], **turned}}

@@ -120,8 +120,8 @@ def test_straight_steps_are_straight(kitchen: PlanReply) -> None:
         step = kitchen.steps[index]
         placed = frames_along(kitchen, "panda_hand_tcp", np.linspace(step.begin, step.end, 60))
         first, last = placed[0], placed[-1]
-        way = last.translation - first.translation
-        along = way / np.linalg.norm(way)
+        offset = last.translation - first.translation
+        along = offset / np.linalg.norm(offset)
         for one in placed:
             aside = np.cross(one.translation - first.translation, along)
             assert np.linalg.norm(aside) < 1e-3
@@ -305,9 +305,9 @@ def test_steps_are_planned_from_when_they_begin_among_what_moves_by_itself(tmp_p
         for there in among.at(now).obstacles:
             assert all(distance(shape, at, there.shape, there.placement) > 0.0 for _, shape, at in bare.bodies())
     begin, end = reply.steps[1].begin, reply.steps[1].end
-    ways = [one.translation for one in frames_along(reply, "panda_hand", np.linspace(begin, end, 20))]
-    np.testing.assert_allclose(np.array(ways)[:, :2], np.tile(ways[0][:2], (20, 1)), atol=2e-3)
-    assert ways[-1][2] - ways[0][2] == pytest.approx(-0.05, abs=1e-4)
+    places = [one.translation for one in frames_along(reply, "panda_hand", np.linspace(begin, end, 20))]
+    np.testing.assert_allclose(np.array(places)[:, :2], np.tile(places[0][:2], (20, 1)), atol=2e-3)
+    assert places[-1][2] - places[0][2] == pytest.approx(-0.05, abs=1e-4)
     recorded = run_arrays(tmp_path / "run.rrd")
     np.testing.assert_allclose(recorded.times, reply.trajectory.times)
 
@@ -320,8 +320,8 @@ def test_what_moves_is_picked_up_where_it_comes_to_rest_and_put_down_on_what_mov
     slides = dict.fromkeys(("can", "board2"), ([2.0, 5.0], shelf)) | {"table_top": (arrives, table)}
     for one in declared["obstacles"]:
         if one["name"] in slides:
-            times, ways = slides[one["name"]]
-            places = [{"position": np.add(one["position"], way["position"]).tolist()} for way in ways]
+            times, offsets = slides[one["name"]]
+            places = [{"position": np.add(one["position"], offset["position"]).tolist()} for offset in offsets]
             one["trajectory"] = {"times": times, "placements": places}
     reply = ask(request["steps"], scene=declared, start=request["start"])
     assert reply.status.name == "SUCCESS", reply.status.message
@@ -382,7 +382,7 @@ def test_limits_of_joints_that_no_step_moves_are_refused() -> None:
         ask([joints(panda_joint1=0.1)], limits={"panda_finger_joint1": {"velocity": 0.1}})
 
 
-def test_straight_ways_of_planar_joints_are_refused() -> None:
+def test_straight_lines_of_planar_joints_are_refused() -> None:
     with pytest.raises(MalformedRequest, match="`linear` is served for joints of one coordinate") as refused:
         ask([relative(0.1, 0.0, 0.0)], box_arm("planar y y", 3), {"name": "empty"})
     assert refused.value.details["path"] == "$.steps[0]"

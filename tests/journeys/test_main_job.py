@@ -138,7 +138,7 @@ def test_an_independent_dense_check_finds_it_free(job: str, replies: dict[str, d
 
 
 def test_the_judge_would_see_a_collision(judge: Judge) -> None:
-    """The straight way to the goal's side of the shelf leads through a board."""
+    """The straight path to the goal's side of the shelf leads through a board."""
     assert judge.collides(judge.place(["panda_joint2", "panda_joint4"], np.array([0.9, -1.0])))
 
 

@@ -54,7 +54,7 @@ def wall_between() -> tuple:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_tree_finds_a_way_round(seed: int) -> None:
+def test_the_tree_finds_a_path_round(seed: int) -> None:
     made, start, goal = wall_between()
     assert not densely_free(made, np.array([start, goal]))
     connection = connect(made, start, np.array([goal]), np.random.default_rng(seed))
@@ -65,7 +65,7 @@ def test_the_tree_finds_a_way_round(seed: int) -> None:
 
 
 @pytest.mark.parametrize("kinds", ["ball", "free ball", "planar", "floating x", "x planar y", "slide floating mimic"])
-def test_joints_of_every_kind_find_a_way_round(kinds: str) -> None:
+def test_joints_of_every_kind_find_a_path_round(kinds: str) -> None:
     names = {"ball": "chain_fixed_6x300_r25", "free ball": "chain_moving_3x260_r20", "planar": "chain_planar_3x260_r25"}
     planned = group(names[kinds]) if kinds in names else grouped(box_arm(kinds, len(kinds.split())))
     turned = (0.0, 0.6, 0.0, 0.8)
@@ -77,7 +77,7 @@ def test_joints_of_every_kind_find_a_way_round(kinds: str) -> None:
     zs = draw(planned, 400, 7)
     ends = zs[~made.batch.touching(zs)]
     paths = [(start, planned.unwrapped(goal, start)) for start, goal in pairwise(ends)]
-    blocked = [way for way in paths if not made.batch.free_until(np.array(way), 32.0)]
+    blocked = [pair for pair in paths if not made.batch.free_until(np.array(pair), 32.0)]
     assert len(blocked) > 2
     for start, goal in blocked[:3]:
         connection = connect(made, start, goal[None], np.random.default_rng(0))
@@ -102,7 +102,7 @@ def test_a_body_that_flies_free_gets_there_turned_the_other_way_round_too() -> N
     assert np.linalg.norm(other[3:6]) == pytest.approx(2.0 * np.pi - 2.5)
 
 
-def test_no_way_in_time_is_said_so() -> None:
+def test_no_path_in_time_is_said_so() -> None:
     made, start, goal = wall_between()
     stopped = problem("panda", made.scene, deadline=Deadline(time.monotonic()))
     connection = connect(stopped, start, np.array([goal]), np.random.default_rng(0))
@@ -155,23 +155,23 @@ def test_a_goal_behind_a_wall_is_passed_by_for_one_that_is_farther_but_reached_s
     aside[0] += 1.85  # a little more than through the wall
     assert densely_free(made, np.array([start, aside]))
     rng = np.random.default_rng(0)
-    way = find_quickest_path(made, start, np.array([behind, aside]), rng)
-    assert way.tried == 2
-    np.testing.assert_array_equal(way.path, [start, aside])
+    found = find_quickest_path(made, start, np.array([behind, aside]), rng)
+    assert found.tried == 2
+    np.testing.assert_array_equal(found.path, [start, aside])
     alone = find_quickest_path(made, start, behind[None], rng)
     assert len(alone.path) > 2
     limits = made.group.velocity_limits
-    assert estimate_time(alone.path, limits) > estimate_time(way.path, limits)
+    assert estimate_time(alone.path, limits) > estimate_time(found.path, limits)
 
 
-def test_of_two_goals_as_soon_the_one_with_the_shorter_way_is_taken_unless_time_alone_counts() -> None:
+def test_of_two_goals_as_soon_the_one_with_the_shorter_path_is_taken_unless_time_alone_counts() -> None:
     made = problem("panda", scene_of())
     z, limits = made.group.to_local(made.q_start), made.group.velocity_limits
     one_joint, all_joints = z + 0.1 * np.eye(7)[0] * limits, z + 0.099 * limits
     goals = np.array([all_joints, one_joint])
     for objective, taken in ((Objective.BALANCED, one_joint), (Objective.TIME, all_joints)):
-        way = find_quickest_path(dataclasses.replace(made, objective=objective), z, goals, np.random.default_rng(0))
-        np.testing.assert_array_equal(way.path, [z, taken])
+        found = find_quickest_path(dataclasses.replace(made, objective=objective), z, goals, np.random.default_rng(0))
+        np.testing.assert_array_equal(found.path, [z, taken])
 
 
 COARSE = 32.0
@@ -254,7 +254,7 @@ def one_joint(kind: str, *angles: float) -> tuple[PlanningGroup, list[messages.B
 
 
 @pytest.mark.parametrize(("kind", "said"), [("y", "on the only way"), ("continuous", "either way round")])
-def test_a_joint_that_is_stopped_on_every_way_is_known_not_to_get_there(kind: str, said: str) -> None:
+def test_a_joint_that_is_stopped_on_every_path_is_known_not_to_get_there(kind: str, said: str) -> None:
     planned, boxes = one_joint(kind, 0.0, 1.9)
     made = problem(planned, scene_of(*boxes))
     connection = connect(made, np.array([-1.0]), np.array([[1.0]]), np.random.default_rng(0))

@@ -57,7 +57,7 @@ def run(length: float) -> Trajectory:
 
 @pytest.mark.parametrize("length", [0.6, 10.0, 100.0])
 @pytest.mark.parametrize("share", [0.31, 0.4975, 0.777])
-def test_a_thin_post_is_passed_at_its_distance_however_long_the_way_is(length: float, share: float) -> None:
+def test_a_thin_post_is_passed_at_its_distance_however_long_the_path_is(length: float, share: float) -> None:
     made = problem(grouped(carriage(length)), scene_of(post(share * length)), q_start=np.zeros(1))
     measured = measure_clearance(run(length), made)
     assert measured.obstacle.exact
@@ -136,7 +136,7 @@ def test_what_comes_close_while_the_robot_waits_is_seen(at: float) -> None:
     assert profile.lengths[-1] == pytest.approx(2.0)
 
 
-def test_the_inner_way_leaves_out_the_ends() -> None:
+def test_the_inner_path_leaves_out_the_ends() -> None:
     made = problem(grouped(carriage(10.0)), scene_of(post(0.1)), q_start=np.zeros(1))
     measured = measure_clearance(run(10.0), made)
     assert measured.obstacle.distance == pytest.approx(APART, abs=TOLERANCE)
@@ -239,7 +239,7 @@ def test_lengths_are_those_of_many_chords(knots: int) -> None:
 
 
 @pytest.mark.parametrize(("rates", "length"), [((-6.0, -6.0), None), ((3.0, -3.0), 1.5), ((1.0, 1.0), 1.0)])
-def test_the_length_of_a_way_that_turns_back_is_all_that_was_gone(rates, length):
+def test_the_length_of_a_path_that_turns_back_is_all_that_was_gone(rates, length):
     arm = grouped(carriage(3.0))
     path = Trajectory(
         np.array([0.0, 1.0]),
@@ -254,7 +254,7 @@ def test_the_length_of_a_way_that_turns_back_is_all_that_was_gone(rates, length)
     assert told.tip_path_length == pytest.approx(gone, rel=1e-4)
 
 
-def test_the_length_of_a_way_that_turns_back_in_each_of_many_pieces_is_all_that_was_gone() -> None:
+def test_the_length_of_a_path_that_turns_back_in_each_of_many_pieces_is_all_that_was_gone() -> None:
     """Each piece alone misses little, all together a hundredth; found by tools/doubt."""
     arm, rng = grouped(carriage(3.0)), np.random.default_rng(5)
     positions = np.cumsum(rng.uniform(-0.004, 0.006, 400))

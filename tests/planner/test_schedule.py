@@ -270,7 +270,7 @@ def closing(until: float) -> Problem:
     return problem("panda", scene_of(shutter, planes=[plane_at(0.84, half=0.15, z=0.4)]))
 
 
-def test_a_way_that_has_closed_is_told_with_the_time() -> None:
+def test_a_path_that_has_closed_is_told_with_the_time() -> None:
     found = planned(closing(0.2))
     assert found.status is Status.STUCK_IN_MINIMUM
     assert found.details["guide_plane"] == "GP"

@@ -102,7 +102,7 @@ def sliding_box() -> UrdfText:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
+def test_a_path_that_leads_far_round_is_found(seed: int) -> None:
     """Between start and goal, 2 m apart, is a wall that ends 12 m away: farther than most samples are from the path."""
     wall = messages.Box(name="wall", size=(0.1, 14.0, 1.0), position=(0.0, -1.0, 0.0))
     batch = BatchCollision.build(World.build(grouped(sliding_box()), scene_of(wall)))

@@ -60,7 +60,7 @@ def _corners(box: messages.Box) -> np.ndarray:
 TIP = np.array([[-0.5, 0.0, 0.4], [0.0, 0.1, 0.5], [0.5, 0.0, 0.6]])
 
 
-def test_there_is_a_flat_picture_with_the_way_and_one_at_its_place() -> None:
+def test_there_is_a_flat_picture_with_the_path_and_one_at_its_place() -> None:
     ball = messages.Sphere(name="ball", radius=0.1, position=(0.0, 0.4, 0.5))
     chunks = {
         chunk.entity_path: chunk.to_record_batch()

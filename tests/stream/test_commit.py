@@ -276,7 +276,7 @@ def test_the_robot_meets_itself() -> None:
     assert judged.told(Commit.standing(judged.opened.start, 0.0)) is CommitReason.OWN
 
 
-def test_ways_are_bounded_by_what_is_travelled() -> None:
+def test_bounds_of_travel_contain_what_is_travelled() -> None:
     judged = Judged("panda", [])
     rng = np.random.default_rng(8)
     for _ in range(5):

@@ -43,7 +43,7 @@ def top(stream: CertifiedStream, z: LocalPoint) -> float:
     return 10.0 - min(gaps)
 
 
-def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
+def test_a_path_begins_where_the_robot_is_closer_than_paths_keep() -> None:
     with CertifiedStream(StreamOpen("ur5", "empty", start=UP), robot("ur5"), build(Scene("empty"))) as stream:
         height = top(stream, stream.executing.ends)
     for gap, kept in ((0.003, 0.5), (0.0015, 0.25), (0.0004, 0.0), (0.01, 1.0)):
@@ -122,7 +122,7 @@ def test_a_goal_is_free_where_all_stays_farther_than_is_kept(margin: float) -> N
 STRETCHED = {"shoulder_lift_joint": -0.6, "elbow_joint": 0.6}
 
 
-def test_ways_are_planned_to_where_obstacles_will_be() -> None:
+def test_paths_are_planned_to_where_obstacles_will_be() -> None:
     """The straight path is free of a ball that has left it by then, and not of one that comes."""
     with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
         paths, z0, speeds = stream._paths, stream.executing.ends, stream._opened.bounds.rates[:, 0]
@@ -144,7 +144,7 @@ def test_ways_are_planned_to_where_obstacles_will_be() -> None:
     assert free == {"rests there": False, "leaves": True, "comes": False, "rests below": True}
 
 
-def test_a_way_may_end_whole_turns_from_its_goal_where_a_joint_turns_without_end() -> None:
+def test_a_path_may_end_whole_turns_from_its_goal_where_a_joint_turns_without_end() -> None:
     """The first joint of the robot does, the second one doesn't; the path that ends there is followed to its end."""
     goal = JointsGoal({"j2s6s200_joint_1": 0.5})
     with CertifiedStream(StreamOpen("kinova", "empty", goal=goal), robot("kinova"), build(Scene("empty"))) as stream:

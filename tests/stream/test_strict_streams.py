@@ -145,7 +145,7 @@ def _is_apart(stream: Stream) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_places_on_a_way_are_the_same_however_slow_joints_are() -> None:
+def test_places_on_a_path_are_the_same_however_slow_joints_are() -> None:
     rng = np.random.default_rng(5)
     points, z = rng.normal(size=(6, 3)), rng.normal(size=3)
     plain = TimedPath(points, np.array([1.0, 2.0, 3.0]))

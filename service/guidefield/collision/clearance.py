@@ -4,7 +4,7 @@ Coal decides on exact shapes; balls, boxes and hulls only leave out pairs that c
 coarser, never wrong: more of `BOX_MARGIN` is time, of `HULL_ACCURACY` too, but may name another of equally near pairs.
 `FIRST_REACH`, above 0, is time alone. Names, order and depths of pairs are what users read in replies.
 
-Planner, certificate and distances count bodies inside as contacts. It is enough to look at a motion's start, because a
+Planner, certificate and distances count bodies inside as contacts. It is enough to check a motion's start, because a
 motion without contact leads neither in nor out.
 """
 

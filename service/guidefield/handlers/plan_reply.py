@@ -191,7 +191,7 @@ def _add_turning_knots(trajectory: Trajectory, group: PlanningGroup) -> Trajecto
 def clearance_figures(measured: Clearance, certified: float) -> replies.ClearanceFigures:
     """Distances from obstacles as the reply has them; `certified` is kept all along, by the certificate [m].
 
-    `inner` leaves out the way near start and goal, `ends` is the smaller distance at these two.
+    `inner` leaves out the path near start and goal, `ends` is the smaller distance at these two.
     """
     closest = measured.obstacle
     if closest.pair is None:

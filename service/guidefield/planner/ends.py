@@ -68,7 +68,7 @@ def find_blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) ->
     return BlockingPairs(1, dict.fromkeys(ordered, 1), depths[ordered[0]])
 
 
-SOLUTIONS = 8  # configurations at a pose for which a connection looks at once. Unrecorded
+SOLUTIONS = 8  # configurations at a pose that a connection is searched to at once. Unrecorded
 
 CANDIDATES = 64
 """Configurations from which those next to the start in time are chosen. With them motions of a Panda to poses are a

@@ -68,7 +68,7 @@ TURN = 2.0 * np.pi
 
 @settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1), reach=st.floats(0.05, 20.0))
-def test_a_sample_is_within_reach_of_its_point_of_the_way_and_within_the_limits(seed: int, reach: float) -> None:
+def test_a_sample_is_within_reach_of_its_point_of_the_path_and_within_the_limits(seed: int, reach: float) -> None:
     """As NumPy has it in double precision: limits, a narrow part of a turn, and two whole turns, one's ends far out."""
     rng = np.random.default_rng(seed)
     lower = np.array([-3.0, 1.0, -0.4, -np.pi, -np.pi])
@@ -92,7 +92,7 @@ def test_a_sample_is_within_reach_of_its_point_of_the_way_and_within_the_limits(
     assert (samples[:, :3] <= (lower + width)[:3] + 1e-5).all()
 
 
-def test_a_fixed_share_of_samples_fills_the_limits_evenly_whatever_the_way() -> None:
+def test_a_fixed_share_of_samples_fills_the_limits_evenly_whatever_the_path() -> None:
     """Of even samples in a box as many are in each of its boxes of a third of each side."""
     lower, width = np.array([-3.0, 0.0, -np.pi]), np.array([6.0, 1.0, TURN])
     ends = np.array([[-2.9, 0.1, 0.3], [-2.8, 0.1, -0.3]])

@@ -96,7 +96,7 @@ def test_a_goal_next_to_the_start_needs_no_planes() -> None:
 
 
 @pytest.mark.parametrize("thickness", [0.001, 0.015])
-def test_no_way_leads_through_a_sheet_to_a_goal_next_to_the_start(thickness: float) -> None:
+def test_no_path_leads_through_a_sheet_to_a_goal_next_to_the_start(thickness: float) -> None:
     """It is thinner than the grid is fine; the thick one reaches the goal."""
     sheet = messages.Box(name="sheet", size=(thickness, 2.0, 2.0), position=(0.005, 0.0, 0.0))
     tables, goal = distance_tables(build(messages.Scene("sheet", obstacles=[sheet]))), np.array([0.01, 0.0, 0.0])
@@ -104,7 +104,7 @@ def test_no_way_leads_through_a_sheet_to_a_goal_next_to_the_start(thickness: flo
     assert find_tip_path(tables, np.array([-0.05, 0.0, 0.0]), goal - 0.045, 0.05, np.zeros(3), np.inf) is not None
 
 
-def test_a_tip_without_a_body_finds_a_way() -> None:
+def test_a_tip_without_a_body_finds_a_path() -> None:
     tables = distance_tables(build(messages.Scene("wall", obstacles=WALL)))
     path = find_tip_path(tables, np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.0, np.zeros(3), np.inf)
     assert path.clearances.min() > 0.1
@@ -146,9 +146,9 @@ def test_goals_beyond_the_planes_are_reached_through_derived_ones(kind: str, mov
     if moves:
         x, y, z = made.guide_planes[0].centroid.tolist()
         placements = [{"position": [x, y, z]}, {"position": [x + 0.8, y, z + 0.8]}]
-        way = {"times": [0.5, 1.5], "placements": placements}
+        flight = {"times": [0.5, 1.5], "placements": placements}
         scene["obstacles"] += [
-            {"type": "sphere", "name": "ball", "radius": 0.05, "position": [x, y, z], "trajectory": way}
+            {"type": "sphere", "name": "ball", "radius": 0.05, "position": [x, y, z], "trajectory": flight}
         ]
     changes = {"scene": scene, "guide_planes": "auto", "planner": "auto", "goal": goal}
     request = codec.decode_request(msgspec.json.decode(example("door")) | changes)
@@ -181,7 +181,7 @@ def test_a_pose_in_a_tube_is_looked_for_from_where_the_planes_lead() -> None:
     assert np.linalg.norm(pin.log3(end.actInv(tip).rotation)) < 1e-2
 
 
-def test_where_there_is_no_way_the_reply_says_so() -> None:
+def test_where_there_is_no_path_the_reply_says_so() -> None:
     scene = msgspec.to_builtins(scenes.read_packaged("seed_e_L_3"))
     ends = [(1.2, 0.6, 0.0), (1.2, 1.6, 0.0)]
     scene["obstacles"] += [

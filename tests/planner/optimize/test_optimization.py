@@ -159,7 +159,7 @@ def by_way_of(turn: float) -> tuple[Problem, np.ndarray, PlanePlace]:
 
 
 @pytest.mark.parametrize("turn", [1.0, 0.2], ids=["through it", "there and back"])
-def test_a_guided_motion_crosses_its_plane_though_a_shorter_way_leads_past_it(turn: float) -> None:
+def test_a_guided_motion_crosses_its_plane_though_a_shorter_path_leads_past_it(turn: float) -> None:
     made, path, place = by_way_of(turn)
     motion = time_path_ignoring_jerk(made, path)
     past = optimize(made, motion, BALANCED)
@@ -171,7 +171,7 @@ def test_a_guided_motion_crosses_its_plane_though_a_shorter_way_leads_past_it(tu
         made.kinematics.tip_positions(one.trajectory.evaluate(np.linspace(0.0, one.trajectory.duration, 20_001))[0])
         for one in (past, through)
     ]
-    missed, nearly = (min(place.plane.distance(tip) for tip in way[::20]) for way in tips)
+    missed, nearly = (min(place.plane.distance(tip) for tip in tip_path[::20]) for tip_path in tips)
     assert missed > 0.05
     assert nearly < 0.01
     q = through.trajectory.positions[through.passed[0]]

@@ -32,7 +32,7 @@ BOUND_ACCURACY = 1e-2  # a bound of a torque is above the found value by at most
 CLOSE_ACCURACY = 1e-4  # the same where the limit is between the two
 PIECE_SAMPLES = 4  # samples of a piece by which a motion is slowed down to keep a limit
 SAMPLE_MARGIN = 2e-3  # share of a limit that is left for torques between samples, and for the bound
-ROUNDING = 1e-9  # share by which a stretch of time may be above 1, and be left out
+ROUNDING = 1e-9  # share by which a factor of time may be above 1, and be left out
 SLOWING = 1.002  # factor of a motion's time where its bound is above a limit, and no sample is
 LEAST_SHARE = 1e-3  # share of a limit that is reserved for speeding up, though gravity takes more
 
