@@ -100,7 +100,7 @@ class Publication:
 class QueryAnswer:
     """The answer to a query."""
 
-    asked: int  # number of the query
+    number: int  # of the query
     is_reply: bool  # else an error
     payload: bytes
     goal: int  # the goal's number by then
@@ -191,26 +191,26 @@ class _Answerer:
         while True:
             connection.wait([self._line, self._woken])
             self._settle_goals()
-            asked: list[Any] = []
-            while len(asked) < MAX_MESSAGES_PER_CYCLE and self._line.poll(0.0):
-                asked.append(self._line.recv())
-            self._take(asked)
-            if asked:
-                self._line.send(Taken(len(asked)))
+            messages: list[Any] = []
+            while len(messages) < MAX_MESSAGES_PER_CYCLE and self._line.poll(0.0):
+                messages.append(self._line.recv())
+            self._take(messages)
+            if messages:
+                self._line.send(Taken(len(messages)))
 
-    def _take(self, asked: Sequence[Any]) -> None:
-        newest = max((index for index, one in enumerate(asked) if isinstance(one, Update)), default=-1)
+    def _take(self, messages: Sequence[Any]) -> None:
+        newest = max((index for index, one in enumerate(messages) if isinstance(one, Update)), default=-1)
         answers = {"aim": self._aim, "judge": self._judge, "stop": self._halt}
-        for index, one in enumerate(asked):
+        for index, one in enumerate(messages):
             if isinstance(one, Update):
                 self._update(one, newest=index == newest)
             else:
                 self._answer(one.number, one.encoding, partial(answers[one.kind], one))
 
-    def _update(self, asked: Update, *, newest: bool) -> None:
+    def _update(self, message: Update, *, newest: bool) -> None:
         time: float | None = None
         try:
-            update: StreamUpdate = codec.decode(asked.payload, StreamUpdate, asked.encoding)
+            update: StreamUpdate = codec.decode(message.payload, StreamUpdate, message.encoding)
             time = update.time
             answer = self._stream.update(update) if newest else self._stream.note(update)
         except GuidefieldError as error:
@@ -235,8 +235,8 @@ class _Answerer:
         if reply is not None:
             self._line.send(QueryAnswer(number, is_reply, codec.encode(reply, encoding), self._stream.goal_number))
 
-    def _judge(self, asked: StreamQuery) -> StreamJudged:
-        judge: StreamJudge = codec.decode(asked.payload, StreamJudge, asked.encoding)
+    def _judge(self, query: StreamQuery) -> StreamJudged:
+        judge: StreamJudge = codec.decode(query.payload, StreamJudge, query.encoding)
         verdict = self._stream.judged(judge.time)
         commit = self._stream.executing
         pair = self._stream.pair_of(verdict)
@@ -249,18 +249,18 @@ class _Answerer:
             evaluations=verdict.evaluations,
         )
 
-    def _halt(self, _asked: StreamQuery) -> Done:
+    def _halt(self, _query: StreamQuery) -> Done:
         self._stream.stop()
         return Done(done="no piece follows the last one, until there is a goal again: the robot stops")
 
-    def _aim(self, asked: StreamQuery) -> StreamAimed | None:
-        aim: StreamAim = codec.decode(asked.payload, StreamAim, asked.encoding)
+    def _aim(self, query: StreamQuery) -> StreamAimed | None:
+        aim: StreamAim = codec.decode(query.payload, StreamAim, query.encoding)
         if aim.goal is None:
             return StreamAimed(goal=self._stream.take_goal(None))
         if len(self._searches) >= MAX_GOAL_SEARCHES:
             raise ServerBusy(f"configurations of {MAX_GOAL_SEARCHES} goals are looked for already", retry_after=0.1)
         search = self._stream.seek(aim.goal)
-        self._searches[asked.number] = search, asked.encoding
+        self._searches[query.number] = search, query.encoding
         search.found.add_done_callback(lambda _: os.write(self._wake, b"."))
         return None
 

@@ -27,9 +27,9 @@ def run(
         MalformedRequest: if the file can't be read.
         CannotStart: if there are no workers, or no such cluster.
     """
-    with RequestFile(requests) as asked, Results(folder, asked) as results:
-        wanted, answered = len(asked), results.codes.total()
-        left = (item for item in asked.items(folder, recordings=recordings) if not results.has(item))
+    with RequestFile(requests) as request_file, Results(folder, request_file) as results:
+        wanted, answered = len(request_file), results.codes.total()
+        left = (item for item in request_file.items(folder, recordings=recordings) if not results.has(item))
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=out) as bar:
             task = bar.add_task("answered", total=wanted, completed=answered)

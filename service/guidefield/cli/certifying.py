@@ -259,9 +259,9 @@ def judging_engine(run: str, data: Path | None, name: str) -> Engine:
 
 
 def run_referee(
-    engine: Engine, request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool
+    engine: Engine, request: CertifyRequest, reply: CertifyReply, file: Path | None, *, with_verdict: bool
 ) -> bool:
-    """Write the referee's file, if one is named, and have it judge the motion if asked; return whether that is free.
+    """Write the referee's file, if one is named; with a verdict, have it judge the motion. Return whether that is free.
 
     If the certificate is free and a verdict refuses the motion, one of them has a bug, and a line says so.
     """
@@ -274,7 +274,7 @@ def run_referee(
     motions = engine.motions_of(request)
     if file is not None:
         case_file.write(file, *motions)
-    if not asked:
+    if not with_verdict:
         return True
     verdicts = [judge(case_of(case), seconds=request.allowed_time) for case in case_file.make_cases(*motions)]
     for verdict in verdicts:

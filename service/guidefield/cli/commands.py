@@ -189,11 +189,11 @@ def plan(
     """
     from guidefield.engine import Engine, answer
 
-    asked = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
+    message = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
     compile_kernels(err.print, wholly=False)
     address = _choose_viewer(viewer, show=show)
     answer_here = answer if address is None else Engine(viewer=address).answer
-    _report(answer_here(asked, record_to=record, proof_to=proof), output)
+    _report(answer_here(message, record_to=record, proof_to=proof), output)
 
 
 @app.command()
@@ -290,7 +290,7 @@ def certify(
     compile_kernels(err.print, wholly=False)
     reply = engine.answer(request, record_to=record, proof_to=proof)
     assert isinstance(reply, CertifyReply), "a certify request was answered"
-    if (referee or case is not None) and not run_referee(engine, request, reply, case, asked=referee):
+    if (referee or case is not None) and not run_referee(engine, request, reply, case, with_verdict=referee):
         _show(reply, output)
         raise typer.Exit(1)
     _report(reply, output)
@@ -337,19 +337,19 @@ def query(
 
     Exit code 0 for a plan or an answer, 1 if the reply says that there is no plan or refuses a motion, 2 for an error.
     """
-    asked = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
-    if proof is not None and isinstance(asked, requests.MotionRequest):
-        asked = msgspec.structs.replace(asked, proof=True)
+    message = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
+    if proof is not None and isinstance(message, requests.MotionRequest):
+        message = msgspec.structs.replace(message, proof=True)
     with _connect(connect, name, config, user) as client:
-        if isinstance(asked, requests.PlanRequest):
-            reply: Reply = client.plan(asked)
-        elif isinstance(asked, requests.CertifyRequest):
-            reply = client.certify(asked)
-        elif isinstance(asked, requests.KinematicsRequest):
-            reply = client.kinematics(asked)
+        if isinstance(message, requests.PlanRequest):
+            reply: Reply = client.plan(message)
+        elif isinstance(message, requests.CertifyRequest):
+            reply = client.certify(message)
+        elif isinstance(message, requests.KinematicsRequest):
+            reply = client.kinematics(message)
         else:
             raise MalformedRequest(
-                f"a request file holds a plan, certify or kinematics request, not {type(asked).__name__}"
+                f"a request file holds a plan, certify or kinematics request, not {type(message).__name__}"
             )
         if isinstance(reply, MotionReply):
             reply = fetch_files(client, reply, record, proof)

@@ -105,9 +105,9 @@ def execute(
         _write_states(outcome.states, states)
     if record is not None and isinstance(reply, PlanReply) and isinstance(found.request, PlanRequest):
         engine = replaying_engine(owner_of(run), data_folder(data, name), ())
-        judged = engine.answer(judgement_of(found.request, reply, outcome.states), record_to=record)
-        assert isinstance(judged, CertifyReply), "a motion was judged"
-        Console().print(motion_table(judged))
+        judgement = engine.answer(judgement_of(found.request, reply, outcome.states), record_to=record)
+        assert isinstance(judgement, CertifyReply), "a motion was judged"
+        Console().print(motion_table(judgement))
     raise typer.Exit(0 if outcome.is_fine else 1)
 
 

@@ -71,12 +71,12 @@ def robot_table(reply: RobotReply) -> RenderableType:
     pairs = _make_headed_table("links not tested against each other", "reason")
     for pair in reply.pairs_left_out:
         pairs.add_row(" and ".join(pair.links), pair.reason)
-    judged = Counter(shape.judged_as for shape in reply.geometry)
+    kinds = Counter(shape.judged_as for shape in reply.geometry)
     return Group(
         Text(reply.name, style="bold"),
         Text(f"tip {reply.tip}; {len(reply.links)} links, {len(reply.frames)} frames"),
         *([] if reply.rest_state is None else [Text(f"rest: the SRDF's state {reply.rest_state}")]),
-        Text(f"collision shapes: {', '.join(f'{count} {kind}' for kind, count in judged.items()) or 'none'}"),
+        Text(f"collision shapes: {', '.join(f'{count} {kind}' for kind, count in kinds.items()) or 'none'}"),
         *(Text(line) for line in _describe_covers(reply.geometry)),
         *(Text(f"group {name}: {', '.join(members)}") for name, members in reply.groups.items()),
         joints,

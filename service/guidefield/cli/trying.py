@@ -94,8 +94,8 @@ class TryPage:
 
     def _place(self, configurations: Sequence[dict[str, Any]]) -> np.ndarray:
         """Return positions and quaternions (x, y, z, w) of the drawn links and the tip, shape (n, links + 1, 7)."""
-        asked = ForwardKinematics(self._robot, frames=[*self._links, self._tip], configurations=list(configurations))
-        reply: Any = self._engine.answer(asked)
+        request = ForwardKinematics(self._robot, frames=[*self._links, self._tip], configurations=list(configurations))
+        reply: Any = self._engine.answer(request)
         return np.array([[(*one.position, *one.quaternion_xyzw) for one in row] for row in reply.placements])
 
     def _draw_robot(self, drawn: Sequence[bodies.Body], placed: np.ndarray) -> None:

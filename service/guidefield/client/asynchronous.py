@@ -185,8 +185,8 @@ class AsyncClient:
     ) -> RunsReply:
         """List the runs that are kept, newest first; the arguments are those of `Client.runs`."""
         filters = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
-        asked, joined = codec.convert(filters, ReadRuns), None
-        while (question := questions.next_runs(asked, limit, joined)) is not None:
+        query, joined = codec.convert(filters, ReadRuns), None
+        while (question := questions.next_runs(query, limit, joined)) is not None:
             joined = questions.join_runs(joined, await _ask(self._exchange, question))
         assert joined is not None, "at least one page is asked for"
         return joined
@@ -282,9 +282,9 @@ class AsyncServiceStream(StreamFacts):
 
     async def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
         """Change the goal, as `ServiceStream.aim_for`; return its number."""
-        question, asked = self._link.aim(goal)
+        question, stream_goal = self._link.aim(goal)
         aimed: StreamAimed = await _ask(self._exchange, question)
-        self._link.set_goal(asked)
+        self._link.set_goal(stream_goal)
         return aimed.goal
 
     async def judged(self, time: float | None = None) -> StreamJudged:

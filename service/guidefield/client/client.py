@@ -403,8 +403,8 @@ class Client:
             after: Only those that follow in the list, by the `next` of an earlier reply; None: from the newest on.
         """
         filters = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
-        asked, joined = codec.convert(filters, ReadRuns), None
-        while (question := questions.next_runs(asked, limit, joined)) is not None:
+        query, joined = codec.convert(filters, ReadRuns), None
+        while (question := questions.next_runs(query, limit, joined)) is not None:
             joined = questions.join_runs(joined, self._ask(question))
         assert joined is not None, "at least one page is asked for"
         return joined

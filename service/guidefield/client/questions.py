@@ -127,8 +127,8 @@ def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, A
 
     Raises MalformedRequest if that isn't a certify request, or both are given.
     """
-    asked = _take_either("certify", request, fields)
-    given = codec.decode_request({"type": CERTIFY, **asked} if isinstance(asked, dict) else asked)
+    content = _take_either("certify", request, fields)
+    given = codec.decode_request({"type": CERTIFY, **content} if isinstance(content, dict) else content)
     if not isinstance(given, CertifyRequest):
         raise MalformedRequest(f"a judgement is asked for with a CertifyRequest, not with {type(given).__name__}")
     return _run("certify", given, given.allowed_time, CertifyReply)

@@ -170,7 +170,7 @@ class StreamLink:
         self.latest: Answer | None = None
         self.state: StreamState | None = None
         self.ended: StreamState | None = None
-        self.asked: float | None = None  # time of the last update [s]
+        self.update_time: float | None = None  # time of the last update [s]
         self._pieces: deque[Piece] = deque(maxlen=MAX_UNREAD_PIECES)
 
     def start_opening(self) -> Question[StreamReply]:
@@ -251,7 +251,7 @@ class StreamLink:
             if len(self._obstacles) > MOST_STREAM_OBSTACLES:  # else it may be seen again
                 self._obstacles.pop(name, None)
         with self._lock:
-            self.asked, self.latest = update.time, None
+            self.update_time, self.latest = update.time, None
         self._exchange.session.put(
             f"{self._base}/{self.stream_id}/update",
             codec.encode(update, Encoding.MSGPACK),
@@ -264,11 +264,11 @@ class StreamLink:
     def answer(self) -> Answer | None:
         """Return the answer to the last update, or the state with which the stream ended; None: neither yet."""
         latest = self.latest
-        if latest is None or self.asked is None:
+        if latest is None or self.update_time is None:
             return self.ended
         if isinstance(latest, StreamState) and (latest.reason == "ended" or latest.update is None):
             return latest
-        return latest if latest.update is not None and latest.update >= self.asked else None
+        return latest if latest.update is not None and latest.update >= self.update_time else None
 
     def pieces(self) -> list[Piece]:
         """Return the pieces that came since the last call and that the robot takes; StreamUnknown if not open yet."""

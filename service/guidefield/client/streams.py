@@ -147,9 +147,9 @@ class ServiceStream(StreamFacts):
             InvalidGoal: if it can't be reached.
             GuidefieldError: if it is ill-posed otherwise, or the stream isn't open any more.
         """
-        question, asked = self._link.aim(goal)
+        question, stream_goal = self._link.aim(goal)
         aimed: StreamAimed = self._ask(question)
-        self._link.set_goal(asked)
+        self._link.set_goal(stream_goal)
         return aimed.goal
 
     def judged(self, time: float | None = None) -> StreamJudged:

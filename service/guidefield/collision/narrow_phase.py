@@ -91,9 +91,9 @@ def _describe_convex(shape: Any) -> ConvexShape:
 
 def closest_points(first: Outline, here: Any, second: Outline, there: Any, measured: Any) -> ClosestPoints:
     """Return what Coal measured of two placed shapes, a coal.DistanceResult; a wrong depth is replaced."""
-    told = ClosestPoints(measured.min_distance, measured.getNearestPoint1(), measured.getNearestPoint2())
-    if told.distance > 0.0 or not first.is_convex or not second.is_convex:
-        return told
+    points = ClosestPoints(measured.min_distance, measured.getNearestPoint1(), measured.getNearestPoint2())
+    if points.distance > 0.0 or not first.is_convex or not second.is_convex:
+        return points
     placed = Placed(
         first.convex,
         second.convex,
@@ -104,11 +104,11 @@ def closest_points(first: Outline, here: Any, second: Outline, there: Any, measu
     read_only(*placed)
     most = 2 * (MOST_OTHERS + len(placed.first.normals) + len(placed.second.normals))
     directions, overlaps = np.empty((most, 3)), np.empty(most)
-    count = try_directions(placed, told.first - told.second, directions, overlaps)
+    count = try_directions(placed, points.first - points.second, directions, overlaps)
     least = float(overlaps[:count].min())
     accuracy = ACCURACY * (1.0 + max(least, 0.0))
-    if abs(least + told.distance) <= accuracy and _part(placed, told, least, accuracy):
-        return told._replace(distance=max(told.distance, -least))
+    if abs(least + points.distance) <= accuracy and _part(placed, points, least, accuracy):
+        return points._replace(distance=max(points.distance, -least))
     found = [
         _descend(placed, first.shape, here, second.shape, there, directions[k])
         for k in np.argsort(overlaps[:count])[:STARTS]
@@ -143,12 +143,12 @@ def measure_capsules(first: Any, here: Any, second: Any, there: Any) -> ClosestP
     )
 
 
-def _part(placed: Placed, told: ClosestPoints, depth: float, accuracy: float) -> bool:
+def _part(placed: Placed, points: ClosestPoints, depth: float, accuracy: float) -> bool:
     """Return whether two shapes part once one is moved from one deepest point to the other.
 
     Coal's (3.0.3) of a sphere and a cylinder about one middle are one point.
     """
-    between = told.first - told.second
+    between = points.first - points.second
     length = float(np.linalg.norm(between))
     if depth <= accuracy:
         return True

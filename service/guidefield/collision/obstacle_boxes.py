@@ -85,9 +85,9 @@ class BoxTree(ReadOnly):
         if count > len(pairs):
             pairs = np.empty((count, 2), np.int64)
             overlaps_in_tree(self.nodes, self.firsts, CHILDREN, low, high, pairs)
-        asked, found = pairs[:count, 0], self.order[pairs[:count, 1]]
-        sorted_ = np.lexsort((found, asked))
-        return asked[sorted_], found[sorted_]
+        queries, found = pairs[:count, 0], self.order[pairs[:count, 1]]
+        sorted_ = np.lexsort((found, queries))
+        return queries[sorted_], found[sorted_]
 
 
 def _allocate_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -154,13 +154,13 @@ class ObstacleBoxes(ReadOnly):
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find the obstacles that may be in query boxes along the world's axes: indices of both (k,), in this order."""
-        asked, found = self.tree.overlapping(low, high)
+        queries, found = self.tree.overlapping(low, high)
         if not len(self.endless):
-            return asked, self.bounded[found]
-        asked = np.concatenate([asked, np.repeat(np.arange(len(low)), len(self.endless))])
+            return queries, self.bounded[found]
+        queries = np.concatenate([queries, np.repeat(np.arange(len(low)), len(self.endless))])
         found = np.concatenate([self.bounded[found], np.tile(self.endless, len(low))])
-        order = np.lexsort((found, asked))
-        return asked[order], found[order]
+        order = np.lexsort((found, queries))
+        return queries[order], found[order]
 
     def gaps(self, points: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
         """Return distances of points (m, k, 3) from the box about one obstacle for each row; (m, k) [m], 0 inside."""

@@ -170,33 +170,33 @@ class Endpoint:
         key = str(query.key_expr)
         kind = _kind(key)
         count = partial(self._count_answer, kind, received, self._trace(kind, key))
-        asked = PendingQuery(query, key, self._setup.instance, count, self._pool.outbox.post)
+        pending = PendingQuery(query, key, self._setup.instance, count, self._pool.outbox.post)
         self._meter.count("asked")
         try:
-            self._sort(asked, asked.read(self._let_in), received)
+            self._sort(pending, pending.read(self._let_in), received)
         except Exception as error:
-            asked.fail(error)
+            pending.fail(error)
 
-    def _sort(self, asked: PendingQuery, read: keys.Query, received: float) -> None:
+    def _sort(self, pending: PendingQuery, read: keys.Query, received: float) -> None:
         if stream_requests.is_stream(read):
-            self._ask_stream(asked, read, received)
+            self._ask_stream(pending, read, received)
             return
         keys.check(read)
         self._require_right(read)
         if read.key == ("info",):
             figures = self.figures(read.user)
             reply = brief_info(figures) if keys.is_brief(read) else info(figures, self._rules)
-            asked.answer((True, codec.encode(reply, read.encoding)))
+            pending.answer((True, codec.encode(reply, read.encoding)))
         elif keys.is_cancel(read):
-            asked.answer((True, codec.encode(Done(done=self._cancel(read)), read.encoding)))
+            pending.answer((True, codec.encode(Done(done=self._cancel(read)), read.encoding)))
         elif not keys.is_sharing(read) and (
             read.key[0] in HEAVY_KEYS
             or read.payload
             or (keys.is_recording(read) and self._runs.of(read.owner).recordings.is_owed(read.key[1]))
         ):
-            self._hand_over(read, received).add_done_callback(asked.settle)
+            self._hand_over(read, received).add_done_callback(pending.settle)
         else:
-            self._readers.submit(read.asker, partial(self._read_files, read)).add_done_callback(asked.settle)
+            self._readers.submit(read.asker, partial(self._read_files, read)).add_done_callback(pending.settle)
 
     def _let_in(self, read: keys.Query, size: int) -> None:
         """Refuse a user's query, with a payload of a size [bytes], if it exceeds the user's quota."""
@@ -205,14 +205,14 @@ class Endpoint:
         if not keys.is_cancel(read):  # which reduces the work
             self._allowances.ask(read.user, size, lists=keys.is_list(read))
 
-    def _ask_stream(self, asked: PendingQuery, read: keys.Query, received: float) -> None:
+    def _ask_stream(self, pending: PendingQuery, read: keys.Query, received: float) -> None:
         if keys.is_recording(read):  # the stream itself may be over
             stream_requests.check(read)
             require_own(read)
-            self._hand_over(read, received).add_done_callback(asked.settle)
+            self._hand_over(read, received).add_done_callback(pending.settle)
             return
         self._condition.require_ready()
-        self._streams.ask(read).add_done_callback(asked.settle)
+        self._streams.ask(read).add_done_callback(pending.settle)
 
     def hear_update(self, sample: zenoh.Sample) -> None:
         """Take an update that was put for a stream; returns at once."""

@@ -182,8 +182,8 @@ def _declare(endpoint: Endpoint, instance: str, session: zenoh.Session, opened: 
     for keys in (base_key(instance, PLAIN), base_key(instance, "*")):
         heard = zenoh.handlers.Callback(endpoint.hear_update, indirect=False)
         opened.enter_context(session.declare_subscriber(f"{keys}/streams/*/update", heard))
-    asked = zenoh.handlers.Callback(endpoint.receive, indirect=False)
-    opened.enter_context(session.declare_queryable(f"guidefield/{instance}/**", asked))
+    queries = zenoh.handlers.Callback(endpoint.receive, indirect=False)
+    opened.enter_context(session.declare_queryable(f"guidefield/{instance}/**", queries))
     opened.callback(endpoint.close)
 
 

@@ -183,7 +183,7 @@ class OpenStream:
             self._publish(what.key, what.payload, self._encoding)
         elif isinstance(what, stream_worker.QueryAnswer):
             with self._lock:
-                answer = self._queries.pop(what.asked)
+                answer = self._queries.pop(what.number)
                 self._goal = what.goal
             answer.set_result((what.is_reply, what.payload))
         elif isinstance(what, stream_worker.Open):
@@ -256,26 +256,26 @@ class Streams:
 
     def ask(self, read: Query) -> Future[Answer]:
         """Return the answer to come to a query; raises GuidefieldError if it is refused at once."""
-        asked = stream_requests.decode_stream_query(read)
-        if isinstance(asked, stream_requests.OpenStream):
-            return self._open_stream(read, asked)
-        if isinstance(asked, stream_requests.ListStreams):
+        query = stream_requests.decode_stream_query(read)
+        if isinstance(query, stream_requests.OpenStream):
+            return self._open_stream(read, query)
+        if isinstance(query, stream_requests.ListStreams):
             return _answer_now(self._list(read.owner), read.encoding)
         require_own(read)
-        stream = self._named(read.owner, asked.name)
-        if isinstance(asked, stream_requests.ReadStream):
+        stream = self._named(read.owner, query.name)
+        if isinstance(query, stream_requests.ReadStream):
             return _answer_now(stream.read(), read.encoding)
-        if isinstance(asked, stream_requests.EndStream):
+        if isinstance(query, stream_requests.EndStream):
             answer: Future[Answer] = Future()
-            done = True, codec.encode(Done(done=f"stream {asked.name!r} has ended"), read.encoding)
-            over = stream.end(Preempted("it was asked to end", stream=asked.name))
+            done = True, codec.encode(Done(done=f"stream {query.name!r} has ended"), read.encoding)
+            over = stream.end(Preempted("it was asked to end", stream=query.name))
             over.add_done_callback(lambda _: answer.set_result(done))
             return answer
-        if isinstance(asked, stream_requests.HaltStream):
+        if isinstance(query, stream_requests.HaltStream):
             return stream.ask("stop", read.encoding)
-        assert isinstance(asked, stream_requests.AimStream | stream_requests.JudgeStream), "there is nothing else"
+        assert isinstance(query, stream_requests.AimStream | stream_requests.JudgeStream), "there is nothing else"
         return stream.ask(
-            "aim" if isinstance(asked, stream_requests.AimStream) else "judge", read.encoding, read.payload
+            "aim" if isinstance(query, stream_requests.AimStream) else "judge", read.encoding, read.payload
         )
 
     def update(self, key: str, payload: zenoh.ZBytes, encoding: object, allow: Callable[[str], None]) -> None:
@@ -314,8 +314,8 @@ class Streams:
             if not stream.join(deadline - time.monotonic()):
                 _log.error("stream %s of %s didn't end", *reversed(stream.name))
 
-    def _open_stream(self, read: Query, asked: stream_requests.OpenStream) -> Future[Answer]:
-        request = asked.request
+    def _open_stream(self, read: Query, query: stream_requests.OpenStream) -> Future[Answer]:
+        request = query.request
         if request.stream_id is None:
             request = msgspec.structs.replace(request, stream_id=uuid.uuid4().hex)
         name = checked_name(str(request.stream_id), "stream_id")

@@ -235,8 +235,8 @@ def explain_unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str
     """The status and sentence of a goal pose that no free configuration reaches."""
     if not met.counts:
         return Status.NO_IK_SOLUTION, f"no configuration reaches the goal pose: {result.reason}"
-    told = f"no configuration at the goal pose is free: {result.reason}: {met.describe()}"
-    return (Status.GOAL_IN_COLLISION if met.clearest is None else Status.CLEARANCE_BELOW_MINIMUM), told
+    message = f"no configuration at the goal pose is free: {result.reason}: {met.describe()}"
+    return (Status.GOAL_IN_COLLISION if met.clearest is None else Status.CLEARANCE_BELOW_MINIMUM), message
 
 
 def _choose_in_the_open(
@@ -290,14 +290,14 @@ class _TipBlockage:
         blocked: What blocks it however the target is reached, if that is known.
     """
 
-    def __init__(self, target: PoseTarget, asked: bool) -> None:
-        self._target, self._asked = target, asked
+    def __init__(self, target: PoseTarget, search_done: bool) -> None:
+        self._target, self._search_done = target, search_done
         self.blocked: BlockingPairs | None = None
 
     def keeps_some_distance(self, problem: Problem, zs: LocalPoints) -> np.ndarray:
         free = _touch_nothing(problem, zs, GRAZING_DISTANCE * problem.group.size)  # certificates don't stop by grazing
-        if not (self._asked or free.any()):
-            self._asked = True
+        if not (self._search_done or free.any()):
+            self._search_done = True
             self.blocked = find_blocked_tip(problem.world, self._target, problem.group.expand_from_local(zs[0]))
         return free
 
@@ -440,8 +440,10 @@ def _find_violation(problem: Problem, z: LocalPoint) -> tuple[str, dict[str, Any
 
 
 def _keeps_clearance(problem: Problem, z: LocalPoint) -> bool:
-    asked = problem.min_clearance
-    return asked <= 0.0 or clearance_at(problem.world, problem.group.expand_from_local(z)).obstacle_distance >= asked
+    required = problem.min_clearance
+    return (
+        required <= 0.0 or clearance_at(problem.world, problem.group.expand_from_local(z)).obstacle_distance >= required
+    )
 
 
 def _check_clearance(problem: Problem, z: LocalPoint, end: str) -> None:

@@ -345,16 +345,16 @@ def _require_within(problem: Problem, end: _EndWords, velocity: LocalRate, accel
             continue
         a, most = float(acceleration[j]), float(group.acceleration_limits[j])
         if abs(a) > most * (1.0 + TOLERANCE):
-            told = f"`start_accelerations` has joint {name} at {a:.6g}, its limit is {most:.6g}"
-            raise _make_refusal(end, name, told, limit=most)
+            message = f"`start_accelerations` has joint {name} at {a:.6g}, its limit is {most:.6g}"
+            raise _make_refusal(end, name, message, limit=most)
         jerk = np.inf if problem.jerk_limits is None else float(problem.jerk_limits[j])
         reached = abs(v) + a * a / (2.0 * jerk)
         if v * a > 0.0 and (reached > top * (1.0 + TOLERANCE) or (jerk == np.inf and abs(v) >= top)):
-            told = (
+            message = (
                 f"joint {name} can't keep its velocity limit of {top:.6g}: with the acceleration at the start it"
                 f" reaches {reached:.6g} at least"
             )
-            raise _make_refusal(end, name, told, limit=top, reached=reached)
+            raise _make_refusal(end, name, message, limit=top, reached=reached)
 
 
 def _require_within_whole(
@@ -367,8 +367,10 @@ def _require_within_whole(
         speed = limit.speed / math.sqrt(float(limit.along(point, rows[0], cast(LocalRates, still[None])).caps[0]))
         if speed > limit.speed * KEPT_SHARE:
             kind = "link" if limit.is_link else "frame"
-            told = f"`{end.field}` move {kind} {limit.name!r} at {speed:.6g} m/s, its limit is {limit.speed:g} m/s"
-            raise StageFailed(end.status, told, stage=end.stage, speed=speed, limit=limit.speed, **{kind: limit.name})
+            message = f"`{end.field}` move {kind} {limit.name!r} at {speed:.6g} m/s, its limit is {limit.speed:g} m/s"
+            raise StageFailed(
+                end.status, message, stage=end.stage, speed=speed, limit=limit.speed, **{kind: limit.name}
+            )
     effort = problem.effort_limit
     if effort is None:
         return
@@ -376,8 +378,8 @@ def _require_within_whole(
     worst = int(np.argmax(np.abs(torques) / effort.limits))
     most, name = float(effort.limits[worst]), effort.names[worst]
     if abs(torques[worst]) > most * KEPT_SHARE:
-        told = f"with `{end.field}` joint {name} takes {torques[worst]:.6g} N m, its limit is {most:g} N m"
-        raise _make_refusal(end, name, told, effort=float(torques[worst]), limit=most)
+        message = f"with `{end.field}` joint {name} takes {torques[worst]:.6g} N m, its limit is {most:g} N m"
+        raise _make_refusal(end, name, message, effort=float(torques[worst]), limit=most)
 
 
 def _stop_within_limits(
@@ -402,19 +404,19 @@ def _stop_within_limits(
         fault = verdict.beyond
         j = group.velocity_names.index(fault.joint)
         limit = fault.upper if fault.value > fault.upper else fault.lower
-        told = (
+        message = (
             f"joint {fault.joint} can't {end.verb} in time: at {abs(float(velocity[j])):.6g} it takes"
             f" {abs(float(motion.positions[-1, j] - z[j])):.6g}, and its limit of {limit:.6g} is"
             f" {abs(limit - float(z[j])):.6g} away"
         )
-        raise _make_refusal(end, fault.joint, told, limit=limit, pair=None)
+        raise _make_refusal(end, fault.joint, message, limit=limit, pair=None)
     slowest = int(np.argmax(np.abs(velocity) / group.acceleration_limits))
     name, pair = group.velocity_names[slowest], " and ".join(verdict.pair) if verdict.pair else "bodies"
-    told = (
+    message = (
         f"the robot can't {end.verb} in time: {verdict.reason.value} between {pair} within the"
         f" {motion.duration:.3f} s that it takes, most of all joint {name}"
     )
-    raise _make_refusal(end, name, told, pair=list(verdict.pair) if verdict.pair else None, duration=motion.duration)
+    raise _make_refusal(end, name, message, pair=list(verdict.pair) if verdict.pair else None, duration=motion.duration)
 
 
 def _make_refusal(end: _EndWords, joint: str, message: str, **details: Any) -> StageFailed:

@@ -348,8 +348,8 @@ class _Search:
         return schedules
 
     def _certified(self, finished: CertifiedMotion, motion: Trajectory) -> CertifiedMotion:
-        judged = certify_motion(self._problem, motion, {}, self._stages, self._judge)
-        return replace(finished, verdict=judged.verdict, trajectory=judged.trajectory)
+        certified = certify_motion(self._problem, motion, {}, self._stages, self._judge)
+        return replace(finished, verdict=certified.verdict, trajectory=certified.trajectory)
 
     def _take_out(
         self, occupancy: Occupancy, along: Trajectory, schedule: Schedule, motion: Trajectory, verdict: Verdict

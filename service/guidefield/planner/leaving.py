@@ -163,8 +163,8 @@ def measure_distances(world: World, pairs: Sequence[int]) -> Callable[[LocalPoin
 
 def warn_of_left_contacts(contacts: Sequence[Contact]) -> str:
     """Return the warning of a motion that leaves contacts at the start."""
-    told = ", ".join(f"{one.pair[0]} and {one.pair[1]}{_depth(one)}" for one in contacts)
-    return f"the start was in contact ({told}): the motion begins by leaving it, and is certified free from then on"
+    pairs = ", ".join(f"{one.pair[0]} and {one.pair[1]}{_depth(one)}" for one in contacts)
+    return f"the start was in contact ({pairs}): the motion begins by leaving it, and is certified free from then on"
 
 
 def _make_refusal(contact: Contact, why: str) -> StageFailed:

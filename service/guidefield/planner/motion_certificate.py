@@ -82,13 +82,13 @@ def judge_itself(problem: Problem, trajectory: Trajectory) -> Verdict:
     return judge_drawn(problem, motion, problem.deadline.at_least(CERTIFY_GRACE_S))[0]
 
 
-def _at_same_times(verdict: Verdict, judged: SubmittedMotion, trajectory: Trajectory) -> Verdict:
+def _at_same_times(verdict: Verdict, submitted: SubmittedMotion, trajectory: Trajectory) -> Verdict:
     """Return a verdict about one motion with its places on the pieces of another, by their times."""
     if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
         return verdict
     times, places = trajectory.piece_times(), []
     for place in ((verdict.piece, verdict.parameter), verdict.free_until):
-        time = judged.along(*place)[1]
+        time = submitted.along(*place)[1]
         assert time is not None, "a controller draws in time"
         piece = int(np.clip(np.searchsorted(times, time, "right") - 1, 0, len(times) - 2))
         span = times[piece + 1] - times[piece]  # none of a motion that goes nowhere

@@ -255,11 +255,11 @@ def _plan_in_motion(problem: Problem, goals: LocalPoints, stages: Stages) -> Cer
     through = _cross_planes(then, ends.inner_goals, Planner.TREE, (), stages)
     rest = reach_among_movers(then, ends.inner_goals, through, stages)
     whole = stop if rest.trajectory is None else ends.around(rest.trajectory)
-    judged = certify_motion(problem, whole, {}, stages, message="the whole motion, between samples too")
+    certified = certify_motion(problem, whole, {}, stages, message="the whole motion, between samples too")
     if rest.trajectory is None:
-        return replace(judged, trajectory=None, failure=rest.failure, warnings=(*rest.warnings, STOPS))
+        return replace(certified, trajectory=None, failure=rest.failure, warnings=(*rest.warnings, STOPS))
     path = np.concatenate([whole.positions[: len(stop.positions)], rest.path[1:]])
-    return replace(judged, path=path, warnings=(*rest.warnings, STOPS))
+    return replace(certified, path=path, warnings=(*rest.warnings, STOPS))
 
 
 def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> LocalPoints | None:
@@ -272,8 +272,8 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> LocalPoint
             leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.path_constraints
             unreached = failed.ending.status in UNREACHED
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
-                told = make_ending_at_rest(problem, failed.ending)
-                raise StageFailed(told.status, told.message, **told.details) from None
+                ending = make_ending_at_rest(problem, failed.ending)
+                raise StageFailed(ending.status, ending.message, **ending.details) from None
             stage.outcome = "the start is free; the goal's pose is searched for from where guide planes lead"
             return None
         if goals is None:

@@ -179,13 +179,13 @@ def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance
     deadline = problem.deadline.at_least(LAST_SEARCH_S)
     known, world = _SEARCHED.of(trajectory, None), problem.world
     if known is not MISSING and known[2]() is world:  # with its certificate
-        asked, found = known[:2]
-        found = confirm(world, asked.curve, asked.coarse, asked.spans, found)
+        queries, found = known[:2]
+        found = confirm(world, queries.curve, queries.coarse, queries.spans, found)
     else:
-        asked = _make_clearance_queries(trajectory, problem)
+        queries = _make_clearance_queries(trajectory, problem)
         deadline.check("the motion was measured")
-        found = smallest_along(world, asked.curve, asked.coarse, asked.spans, deadline=deadline)
-    times, lengths, coarse, spans, curve = asked
+        found = smallest_along(world, queries.curve, queries.coarse, queries.spans, deadline=deadline)
+    times, lengths, coarse, spans, curve = queries
     distances = found.distances
     closest = [
         SmallestDistance(
@@ -224,11 +224,11 @@ def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance
 
 def certify_and_measure(trajectory: TimedMotion, problem: Conditions, deadline: Deadline) -> Verdict:
     """Certify a motion, and search in the same pass the distances that `measure_clearance` asks for."""
-    asked = _make_clearance_queries(trajectory, problem)
-    goal = SearchQuery(problem.min_clearance, in_time=problem.scene.moves, spans=asked.spans, samples=asked.coarse)
-    found = certify_curve(problem.world, asked.curve, goal, deadline)
+    queries = _make_clearance_queries(trajectory, problem)
+    goal = SearchQuery(problem.min_clearance, in_time=problem.scene.moves, spans=queries.spans, samples=queries.coarse)
+    found = certify_curve(problem.world, queries.curve, goal, deadline)
     if found.obstacle:
-        _SEARCHED.keep(trajectory, None, (asked, found, weakref.ref(problem.world)))
+        _SEARCHED.keep(trajectory, None, (queries, found, weakref.ref(problem.world)))
     return found.verdict
 
 

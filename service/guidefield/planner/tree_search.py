@@ -233,7 +233,7 @@ def grow(
         memory = _TreeMemory.build(nv, 2 * most_roots)
     rng.random(out=memory.search.places)
     begins, suspected, counters = True, [0, 1], memory.search.counters
-    nodes, judged = most_roots, 0
+    nodes, motion_count = most_roots, 0
     strides = Strides(
         STRIDE, LEAST_GAIN, FARTHEST_STRIDE, CONSTRAINT_ROOM, CORRECTIONS,
         resolution, clearance,
@@ -243,7 +243,7 @@ def grow(
         piece = 0 if deadline.expired() else min(checked, most_iterations)
         words = batch.words, sources.words, memory.words
         if frames is None:
-            motions = min(MOTIONS_PER_CHECK, most_motions - judged)
+            motions = min(MOTIONS_PER_CHECK, most_motions - motion_count)
             ended = kernel.grow(*words, first, second, clearance, resolution, piece, motions, begins)
         else:
             ended = grow_within(*words, frames, strides, first, second, piece, begins)
@@ -251,7 +251,7 @@ def grow(
             # samples are float32: rounding may take one beyond a limit
             path = np.clip(memory.path[: counters[tree_nodes.ROWS]] * group.units, group.lower, group.upper)
             return FoundPath(path, counters.copy(), memory.search, group.units)
-        begins, judged = False, int(counters[tree_nodes.MOTIONS])
+        begins, motion_count = False, int(counters[tree_nodes.MOTIONS])
         nodes = int(counters[tree_nodes.SIZE : tree_nodes.SIZE + 2].max())
         if ended == kernel.FULL:
             memory = memory.doubled()
@@ -261,7 +261,7 @@ def grow(
             roots, size = (starts, goals)[tried], counters[tree_nodes.SIZE + tried]
             if size == len(roots) and not can_escape(batch, roots, clearance, resolution, rng):
                 return FoundPath(None, counters.copy(), memory.search, group.units, tried)
-        if piece == 0 or counters[tree_nodes.ITERATION] >= most_iterations or judged >= most_motions:
+        if piece == 0 or counters[tree_nodes.ITERATION] >= most_iterations or motion_count >= most_motions:
             return FoundPath(None, counters.copy(), memory.search, group.units)
 
 

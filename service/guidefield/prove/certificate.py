@@ -283,8 +283,8 @@ def _with_depths(
     """Return what was found with Coal's signed distances at places of contact and some of the samples in contact."""
     touching = np.flatnonzero(found.distances <= NEARLY)
     some = touching[np.unique(np.linspace(0, len(touching) - 1, DEPTHS).astype(int))] if len(touching) else touching
-    told = [one.time for one in (*found.obstacle, found.own) if one.distance <= NEARLY]
-    times = np.unique(np.concatenate([samples[some], told]))
+    contact_times = [one.time for one in (*found.obstacle, found.own) if one.distance <= NEARLY]
+    times = np.unique(np.concatenate([samples[some], contact_times]))
     touches_itself = found.own.distance <= NEARLY
     qs = world.group.expand_each(curve.at(times))
     measured = list(ClosestPairs(world).clearances(qs, times, counts_own=touches_itself))

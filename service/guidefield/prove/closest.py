@@ -102,8 +102,8 @@ class ClosestPairs:
         # where own bodies touch, obstacles' distance counts too
         apart = np.flatnonzero(np.any(distances > 0.0, axis=1) & (not is_open))
         alone: np.ndarray = np.any(pairs[:, :, 0] < -1, axis=1)
-        asked = [*configurations[apart]], clock[apart].tolist(), 0 if counts_own else self.world.pairs.n_self
-        alone[apart[[len(inside) > 0 for inside in _find_enclosed_pairs_at(self.world, *asked)]]] = True
+        query = [*configurations[apart]], clock[apart].tolist(), 0 if counts_own else self.world.pairs.n_self
+        alone[apart[[len(inside) > 0 for inside in _find_enclosed_pairs_at(self.world, *query)]]] = True
         for q, time, alone_there, candidates in zip(
             configurations, clock.tolist(), alone.tolist(), pairs.tolist(), strict=True
         ):

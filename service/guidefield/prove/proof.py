@@ -100,10 +100,10 @@ def prove(
 
 def _claims(found: SearchResult, goal: SearchQuery) -> np.ndarray:
     """Return the smallest distances that were found, if larger than what is required, as `Proof.claims`."""
-    asked = goal.min_clearance or 0.0
+    required = goal.min_clearance or 0.0
     rows = [(*span, 0.0, one.bound - CLAIM_MARGIN) for one, span in zip(found.obstacle, goal.spans, strict=True)]
     rows += [(*span, 1.0, found.own.bound - CLAIM_MARGIN) for span in goal.spans[:1]]
-    kept = [row for row in rows if np.isfinite(row[3]) and row[3] > (0.0 if row[2] else asked)]
+    kept = [row for row in rows if np.isfinite(row[3]) and row[3] > (0.0 if row[2] else required)]
     return np.array(kept, float).reshape(-1, 4)
 
 
@@ -162,11 +162,11 @@ class _Writer:
         centres = [
             self._frame(body).act(self._centre(body)) - one[3] for body, one in zip(listed, written, strict=True)
         ]
-        judged = ~np.isnan(segments[:, 0])
+        examined = ~np.isnan(segments[:, 0])
         begins = np.cumsum([0, *(len(shape.corners) for shape in shapes)])
         made = Proof(
             claims=claims,
-            segments=segments[judged][:, :2],
+            segments=segments[examined][:, :2],
             slab_segments=(self._rows[:, ROW_SEGMENT] - 1).astype(np.int32),
             slab_nodes=slab_nodes,
             slab_axes=self._rows[:, ROW_AXIS:].astype(np.float32),

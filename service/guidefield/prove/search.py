@@ -187,10 +187,10 @@ class _MotionSearch:
         self._moving = MovingRobot(robot, obstacles, with_passing_speeds(world, curve, movers), pairs, self._layout)
         times = self._layout.times
         self._whole, self._ends = float(times[-1] - times[0]), times[[0, -1]]
-        asked = [(*span, 0.0) for span in goal.spans] + [(*span, 1.0) for span in goal.spans[:1]]
-        self._questions = np.full((len(asked), ANSWER), np.inf)
+        queries = [(*span, 0.0) for span in goal.spans] + [(*span, 1.0) for span in goal.spans[:1]]
+        self._questions = np.full((len(queries), ANSWER), np.inf)
         self._questions[:, TIME], self._questions[:, PAIR] = np.nan, -1.0
-        for row, (since, until, own) in zip(self._questions, asked, strict=True):
+        for row, (since, until, own) in zip(self._questions, queries, strict=True):
             row[[SINCE, UNTIL, OWN]] = self._parameter_at(since), self._parameter_at(until), own
         error += ARITHMETIC * float(np.abs(curve.pieces).max(initial=0.0))
         self._tolerance = max(TOLERANCE * world.group.size, 4.0 * error)

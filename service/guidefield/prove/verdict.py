@@ -35,8 +35,8 @@ CONSTRAINT_RESOLUTION = 1e-5
 
 def with_coal_error(distance: _D) -> _D:
     """Return the distance that Coal must report [m] for bodies to be at least a distance [m] apart; or of each (n,)."""
-    asked: _D = distance + COAL_RELATIVE * abs(distance) + COAL_ACCURACY
-    return asked
+    required: _D = distance + COAL_RELATIVE * abs(distance) + COAL_ACCURACY
+    return required
 
 
 LIMIT_TOLERANCE = 1e-9  # a motion's coordinate may be this much beyond its limit, for rounding [rad or m]

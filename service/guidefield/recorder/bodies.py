@@ -60,12 +60,12 @@ class Drawn:
 def prepare(robot: RobotModel, file: Path) -> tuple[Drawn, list[Chunk]]:
     """Read a robot's meshes into chunks for a file, in seconds; without visual geometry draw its collision geometry."""
     seen, faults = visual_bodies(robot.source)
-    judged = collision_bodies(robot)
-    chunks = [_chunk("visual", body) for body in seen or judged]
-    chunks += [_chunk("collision", body, COLLISION_COLOR) for body in judged]
+    colliding = collision_bodies(robot)
+    chunks = [_chunk("visual", body) for body in seen or colliding]
+    chunks += [_chunk("collision", body, COLLISION_COLOR) for body in colliding]
     chunks += cover_spheres(robot)
-    links = tuple(dict.fromkeys(body.link for body in (*seen, *judged)))
-    return Drawn(file, links, _sketch(judged), faults), chunks
+    links = tuple(dict.fromkeys(body.link for body in (*seen, *colliding)))
+    return Drawn(file, links, _sketch(colliding), faults), chunks
 
 
 def highlight(robot: RobotModel, links: Collection[str]) -> Iterator[Chunk]:
@@ -87,9 +87,9 @@ def collision_bodies(robot: RobotModel, links: Collection[str] | None = None) ->
     return tuple(bodies)
 
 
-def _sketch(judged: tuple[Body, ...]) -> tuple[tuple[str, Surface], ...]:
+def _sketch(bodies: tuple[Body, ...]) -> tuple[tuple[str, Surface], ...]:
     by_link: dict[str, list[Surface]] = {}
-    for body in judged:
+    for body in bodies:
         if isinstance(body.surface, Surface):
             by_link.setdefault(body.link, []).append(body.surface)
     sketched = []

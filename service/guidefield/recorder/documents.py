@@ -378,8 +378,8 @@ def document_judgement(run: JudgedRun, remarks: Sequence[str]) -> Iterator[Chunk
 
 def _judgement_results(reply: CertifyReply) -> list[str]:
     certificate = reply.certificate
-    judged = "free of collision" if certificate.collision_free else f"**{certificate.reason}**"
-    said = f"{judged}{pair(certificate.pair)}: {certificate.covers}, as the curve {reply.curve}"
+    verdict = "free of collision" if certificate.collision_free else f"**{certificate.reason}**"
+    said = f"{verdict}{pair(certificate.pair)}: {certificate.covers}, as the curve {reply.curve}"
     rows = [("certificate", said)]
     if not certificate.collision_free:
         rows.append(("free until", describe_place(certificate.free_until.row, certificate.free_until.time)))

@@ -166,13 +166,13 @@ def guide_planes(planes: Sequence[messages.GuidePlane], size: float) -> Iterator
 def goals(request: PlanRequest, size: float) -> Iterator[Chunk]:
     """Draw the poses that the tip is to reach, if goals are poses: their axes and their names."""
     named = [("goal", request.goal), *((f"steps[{index}]", step.goal) for index, step in enumerate(request.steps))]
-    for name, asked in named:
-        if isinstance(asked, PoseGoal):
-            yield _goal(name, asked, size)
+    for name, goal in named:
+        if isinstance(goal, PoseGoal):
+            yield _goal(name, goal, size)
 
 
-def _goal(called: str, asked: PoseGoal, size: float) -> Chunk:
-    at = rr.Transform3D(translation=asked.position, quaternion=rr.Quaternion(xyzw=asked.quaternion_xyzw))
+def _goal(called: str, pose: PoseGoal, size: float) -> Chunk:
+    at = rr.Transform3D(translation=pose.position, quaternion=rr.Quaternion(xyzw=pose.quaternion_xyzw))
     name = rr.Points3D([[0.0, 0.0, 0.0]], labels=[called], colors=[GOAL_COLOR], radii=[0.008 * size], show_labels=True)
     path = "/path/goal" if called == "goal" else entity("path", "goals", called)
     return still(path, at, rr.TransformAxes3D(0.1 * size), name)

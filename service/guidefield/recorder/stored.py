@@ -131,15 +131,15 @@ def read_recording(path: Path) -> Recorded:
             found = {chunk.entity_path: chunk for chunk in chunks}
         (packages,) = _values(found[PROPERTIES], MADE_WITH)
         request, reply = (bytes(_values(found[path], MESSAGE_COMPONENT)) for path in (REQUEST, REPLY))
-        judged = unpack(request, RequestTag).type == CERTIFY
-        asked: MotionRequest = unpack(request, CertifyRequest) if judged else unpack(request, PlanRequest)
+        certifies = unpack(request, RequestTag).type == CERTIFY
+        motion_request: MotionRequest = unpack(request, CertifyRequest) if certifies else unpack(request, PlanRequest)
         if "scene_apart" in found[REQUEST].to_record_batch().schema.names:
             if SCENE not in found:  # it is in the file that a recording in a store is linked to
                 (found[SCENE],) = RrdReader(str(path.with_suffix(LINK))).stream().filter(content=[SCENE])
             scene = unpack(bytes(_values(found[SCENE], MESSAGE_COMPONENT)), SceneMessage)
-            asked = msgspec.structs.replace(asked, scene=scene)
-        answered: MotionReply = unpack(reply, CertifyReply) if judged else unpack(reply, PlanReply)
-        return Recorded(asked, answered, parse_versions(packages))
+            motion_request = msgspec.structs.replace(motion_request, scene=scene)
+        answered: MotionReply = unpack(reply, CertifyReply) if certifies else unpack(reply, PlanReply)
+        return Recorded(motion_request, answered, parse_versions(packages))
     except (RuntimeError, ValueError, LookupError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else f"{error}"
         what = f"{path.name!r} is no whole recording of guidefield, or one of another version"

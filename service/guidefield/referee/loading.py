@@ -64,15 +64,19 @@ def load(path: Path) -> list[Case]:
     """
     packed = path.read_bytes()
     try:
-        told = json.loads(_unpack(packed) if packed[:6] == b"\xfd7zXZ\x00" else packed)
+        content = json.loads(_unpack(packed) if packed[:6] == b"\xfd7zXZ\x00" else packed)
     except UnusableFile as error:
         raise UnusableFile(f"{path.name} {error}") from None
     except (ValueError, EOFError, RecursionError, lzma.LZMAError) as error:
         raise UnusableFile(f"{path.name} isn't JSON: {error}") from None
-    if not isinstance(told, dict) or told.get("format") not in FORMATS or not isinstance(told.get("cases"), list):
+    if (
+        not isinstance(content, dict)
+        or content.get("format") not in FORMATS
+        or not isinstance(content.get("cases"), list)
+    ):
         raise UnusableFile(f"{path.name} must have `format` {FORMATS[0]!r} and a list of `cases`")
     meshes: Meshes = {}
-    return [case_of(one, meshes) for one in told["cases"]]
+    return [case_of(one, meshes) for one in content["cases"]]
 
 
 def _unpack(packed: bytes) -> bytes:
@@ -83,33 +87,33 @@ def _unpack(packed: bytes) -> bytes:
     return unpacked
 
 
-def case_of(told: Fields, meshes: Meshes | None = None) -> Case:
+def case_of(fields: Fields, meshes: Meshes | None = None) -> Case:
     """Make the case that a file describes.
 
     Args:
-        told: The case.
+        fields: The fields of the case.
         meshes: Those that other cases of the file have read; what this one reads is added.
 
     Raises:
         UnusableFile: if something is missing or contradicts something else.
     """
     try:
-        return _case(told, {} if meshes is None else meshes)
+        return _case(fields, {} if meshes is None else meshes)
     except KeyError as error:
         raise UnusableFile(f"{error.args[0]!r} is missing") from None
     except (TypeError, AttributeError, IndexError, RuntimeError, ValueError, ElementTree.ParseError) as error:
         raise UnusableFile(f"it can't be used: {error}") from None
 
 
-def _case(told: Fields, meshes: Meshes) -> Case:
-    if any(told.get("anchor", ())):
-        told = _move_to_anchor(told, np.array(told["anchor"], float))
-    model, geometry, laws = _robot(told["robot"], meshes)
-    spread, offset, turning, turned, columns = _local(model, told, laws)
-    motion = _motion(told["motion"], len(columns))
-    lower, upper, unlimited = _position_limits(model, spread, told.get("without_limits", ()))
-    unknown = ["obstacles that move, along a path without times"] if motion["times"] is None and _moves(told) else []
-    bodies = [*_links(model, geometry, told["parts"]), *_objects(model, told, unknown)]
+def _case(fields: Fields, meshes: Meshes) -> Case:
+    if any(fields.get("anchor", ())):
+        fields = _move_to_anchor(fields, np.array(fields["anchor"], float))
+    model, geometry, laws = _robot(fields["robot"], meshes)
+    spread, offset, turning, turned, columns = _local(model, fields, laws)
+    motion = _motion(fields["motion"], len(columns))
+    lower, upper, unlimited = _position_limits(model, spread, fields.get("without_limits", ()))
+    unknown = ["obstacles that move, along a path without times"] if motion["times"] is None and _moves(fields) else []
+    bodies = [*_links(model, geometry, fields["parts"]), *_objects(model, fields, unknown)]
     return Case(
         model=model,
         spread=spread,
@@ -117,20 +121,20 @@ def _case(told: Fields, meshes: Meshes) -> Case:
         turning=turning,
         turned=turned,
         bodies=bodies,
-        constraints=[*_constraints(model, told.get("path_constraints", ()), unknown)],
+        constraints=[*_constraints(model, fields.get("path_constraints", ()), unknown)],
         rows=[model.names[i] for i in range(1, model.njoints) for _ in range(model.joints[i].nv)],
         columns=columns,
         **motion,
         lower=lower,
         upper=upper,
-        rates=_rates(columns, told["limits"]),
-        clearance=float(told["min_clearance"]),
-        left_out=[*_left_out(told["left_out"], bodies), *unlimited],
+        rates=_rates(columns, fields["limits"]),
+        clearance=float(fields["min_clearance"]),
+        left_out=[*_left_out(fields["left_out"], bodies), *unlimited],
         unknown=unknown,
     )
 
 
-def _move_to_anchor(told: Fields, anchor: np.ndarray) -> Fields:
+def _move_to_anchor(fields: Fields, anchor: np.ndarray) -> Fields:
     """Return a case relative to a point of the world (3,) [m], because far from the origin rounding would count."""
 
     def nearer(one: Fields) -> Fields:
@@ -144,13 +148,13 @@ def _move_to_anchor(told: Fields, anchor: np.ndarray) -> Fields:
         points = points_of(one.get(field, (0.0, 0.0, 0.0))) - anchor
         return {**one, field: points if kind in ("polygon", "point_cloud") else points[0]}
 
-    moved = {key: [*map(nearer, told.get(key, ()))] for key in ("obstacles", "path_constraints")}
-    return {**told, **moved, "robot": {**told["robot"], "placement": nearer(told["robot"].get("placement", {}))}}
+    moved = {key: [*map(nearer, fields.get(key, ()))] for key in ("obstacles", "path_constraints")}
+    return {**fields, **moved, "robot": {**fields["robot"], "placement": nearer(fields["robot"].get("placement", {}))}}
 
 
-def _robot(told: Fields, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
+def _robot(fields: Fields, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
     """Return Pinocchio's model and collision geometry; of each mimic joint its source, multiplier and offset."""
-    root = ElementTree.fromstring(told["urdf"])  # noqa: S314 - who judges a file has chosen it
+    root = ElementTree.fromstring(fields["urdf"])  # noqa: S314 - who judges a file has chosen it
     laws = {
         joint.get("name", ""): (law.get("joint", ""), float(law.get("multiplier", 1)), float(law.get("offset", 0)))
         for joint in root.findall("joint")
@@ -163,9 +167,9 @@ def _robot(told: Fields, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple
         for axis in (joint.find("axis"),)
         if joint.get("type") == "planar"
     }
-    meshes = _meshes(root, told.get("mesh_files", {}), read_meshes)
+    meshes = _meshes(root, fields.get("mesh_files", {}), read_meshes)
     own_names = _rename(root)
-    text, joint = ElementTree.tostring(root, "unicode"), ROOTS[told.get("root_joint", "fixed")]
+    text, joint = ElementTree.tostring(root, "unicode"), ROOTS[fields.get("root_joint", "fixed")]
     model = pin.buildModelFromXML(text) if joint is None else pin.buildModelFromXML(text, joint())
     geometry = pin.GeometryModel()
     pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
@@ -181,7 +185,7 @@ def _robot(told: Fields, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple
         if one.name in meshes:
             corners = meshes[one.name].reshape(-1, 3)
             one.geometry = surface(corners, np.arange(len(corners)).reshape(-1, 3))
-    base = placement_of(told.get("placement", {}))
+    base = placement_of(fields.get("placement", {}))
     for i in range(1, model.njoints):
         if model.parents[i] == 0:
             model.jointPlacements[i] = base * model.jointPlacements[i]
@@ -271,9 +275,9 @@ def _tilt(model: Any, geometry: Any, index: int, normal: np.ndarray) -> None:
             one.placement = tilt.inverse() * one.placement
 
 
-def _local(model: Any, told: Fields, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
+def _local(model: Any, fields: Fields, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
     """Return `spread`, `offset`, `turning`, `turned` and `columns` of a case."""
-    balls, planned, reference = told["robot"].get("ball_joints", ()), told["motion"]["joints"], told["reference"]
+    balls, planned, reference = fields["robot"].get("ball_joints", ()), fields["motion"]["joints"], fields["reference"]
     joints = {name: model.joints[i] for i, name in enumerate(model.names) if i}
     free = {name: [*range(3 if name in balls else 0, joint.nv)] for name, joint in joints.items()}
     columns = [name for name in planned for _ in free[name]]
@@ -307,9 +311,9 @@ def _local(model: Any, told: Fields, laws: Mapping[str, tuple[str, float, float]
     return spread, offset, turning, turned, columns
 
 
-def _motion(told: Fields, columns: int) -> dict[str, Any]:
+def _motion(fields: Fields, columns: int) -> dict[str, Any]:
     arrays = {
-        kind: None if told.get(kind) is None else np.array(told[kind], float)
+        kind: None if fields.get(kind) is None else np.array(fields[kind], float)
         for kind in ("positions", "times", "velocities", "accelerations", "tolerance")
     }
     positions, times, velocities, accelerations, tolerance = arrays.values()
@@ -321,7 +325,9 @@ def _motion(told: Fields, columns: int) -> dict[str, Any]:
         raise UnusableFile("`motion.velocities` must be as many as positions, which need times then")
     if accelerations is not None and (velocities is None or accelerations.shape != positions.shape):
         raise UnusableFile("`motion.accelerations` must be as many as positions, which need velocities then")
-    if not isinstance(steps := told.get("steps", False), bool) or (steps and (times is None or velocities is not None)):
+    if not isinstance(steps := fields.get("steps", False), bool) or (
+        steps and (times is None or velocities is not None)
+    ):
         raise UnusableFile("`motion.steps` must be true or false; steps need times, and have no velocities")
     if tolerance is not None and (tolerance.shape != (columns,) or (tolerance < 0.0).any()):
         raise UnusableFile(f"`motion.tolerance` needs {columns} numbers, as its joints have, none of them negative")
@@ -363,12 +369,12 @@ def _rates(columns: Sequence[str], limits: Fields) -> np.ndarray:
 
 
 def _body(name: str, joint: int, placement: Any, one: Shape, parts: Fields, *, obstacle: bool, **more: Any) -> Body:
-    told = parts.get(more.pop("key", name), {})
+    divided = parts.get(more.pop("key", name), {})
     shell = NO_TRIANGLES
-    if "shell" in told:
-        points = np.array(told["shell"]["vertices"], float) + 0.0
+    if "shell" in divided:
+        points = np.array(divided["shell"]["vertices"], float) + 0.0
         shell = (points if obstacle else snap_to_corners(points, one.triangles))[
-            np.array(told["shell"]["triangles"], int)
+            np.array(divided["shell"]["triangles"], int)
         ]
     return Body(
         name=name,
@@ -377,7 +383,7 @@ def _body(name: str, joint: int, placement: Any, one: Shape, parts: Fields, *, o
         exact=one.exact,
         rounding=one.rounding,
         corners=one.corners,
-        parts=[hull(np.array(points, float)) for points in told.get("hulls", ())],
+        parts=[hull(np.array(points, float)) for points in divided.get("hulls", ())],
         triangles=one.triangles,
         shell=shell,
         points=one.points,
@@ -392,13 +398,13 @@ def _links(model: Any, geometry: Any, parts: Fields) -> Iterator[Body]:
         yield _body(link, one.parentJoint, one.placement, own, parts["links"], key=one.name, obstacle=False)
 
 
-def _moves(told: Fields) -> bool:
-    return any(one.get("trajectory") for one in told["obstacles"])
+def _moves(fields: Fields) -> bool:
+    return any(one.get("trajectory") for one in fields["obstacles"])
 
 
-def _objects(model: Any, told: Fields, unknown: list[str]) -> Iterator[Body]:
-    parts = told["parts"]["objects"]
-    for held in told.get("held", ()):
+def _objects(model: Any, fields: Fields, unknown: list[str]) -> Iterator[Body]:
+    parts = fields["parts"]["objects"]
+    for held in fields.get("held", ()):
         divided = parts.get(held["obstacle"]["name"], {}).get("triangles")
         one, frame = shape_of(held["obstacle"], divided), model.frames[_body_frame(model, held["link"])]
         if one is None:
@@ -406,7 +412,7 @@ def _objects(model: Any, told: Fields, unknown: list[str]) -> Iterator[Body]:
         else:
             placement = frame.placement * placement_of(held.get("placement", {}))
             yield _body(held["obstacle"]["name"], frame.parentJoint, placement, one, parts, obstacle=False)
-    for obstacle in told["obstacles"]:
+    for obstacle in fields["obstacles"]:
         one = shape_of(obstacle, parts.get(obstacle["name"], {}).get("triangles"))
         moves = obstacle.get("trajectory")
         if one is None:
@@ -417,9 +423,9 @@ def _objects(model: Any, told: Fields, unknown: list[str]) -> Iterator[Body]:
         yield _body(obstacle["name"], 0, own, one, parts, obstacle=True, screw=screw)
 
 
-def _screw(told: Fields) -> Screw:
+def _screw(trajectory: Fields) -> Screw:
     """Build the motion of placements at times; a single one counts twice."""
-    stops, times = [placement_of(stop) for stop in told["placements"]], list(map(float, told["times"]))
+    stops, times = [placement_of(stop) for stop in trajectory["placements"]], list(map(float, trajectory["times"]))
     if len(times) == 1:
         stops, times = stops * 2, [times[0], times[0] + 1.0]
     if len(stops) != len(times) or min(np.diff(times)) <= 0.0:
@@ -435,8 +441,8 @@ def _body_frame(model: Any, link: str) -> int:
     return index
 
 
-def _constraints(model: Any, told: Sequence[Fields], unknown: list[str]) -> Iterator[Constraint]:
-    for one in told:
+def _constraints(model: Any, declarations: Sequence[Fields], unknown: list[str]) -> Iterator[Constraint]:
+    for one in declarations:
         kind, name = one["type"], one["frame"]
         if kind not in ("orientation_cone", "plane", "line"):
             unknown.append(f"a path constraint of type {kind!r}")
@@ -469,10 +475,10 @@ def _unit(vector: Sequence[float]) -> np.ndarray:
     return unit
 
 
-def _left_out(told: Sequence[Sequence[str]], bodies: Sequence[Body]) -> list[tuple[str, str, str]]:
+def _left_out(pairs: Sequence[Sequence[str]], bodies: Sequence[Body]) -> list[tuple[str, str, str]]:
     names = {body.name for body in bodies}
-    for first, second, _ in told:
+    for first, second, _ in pairs:
         for name in (first, second):
             if name not in names:
                 raise UnusableFile(f"`left_out` names {name!r}, which has no body")
-    return [(first, second, why) for first, second, why in told]
+    return [(first, second, why) for first, second, why in pairs]

@@ -366,14 +366,14 @@ def replay(file: Path, opens: Opens) -> Replay:
 
 
 def _replay_entries(stream: CertifiedStream, entries: Sequence[Entry]) -> Replay:
-    sought: dict[int, GoalSearch] = {}
+    searches: dict[int, GoalSearch] = {}
     updates = pieces = 0
     for entry in entries:
         if isinstance(entry, SoughtGoal):
             one = stream.seek(entry.goal)
-            sought[one.number] = one
+            searches[one.number] = one
         elif isinstance(entry, Aimed):
-            stream.take_goal(None if entry.number is None else sought.pop(entry.number))
+            stream.take_goal(None if entry.number is None else searches.pop(entry.number))
         elif isinstance(entry, Halted):
             stream.stop()
         elif isinstance(entry, Updated):

@@ -202,13 +202,13 @@ class PieceFinder:
 
     def _is_seen_far_enough(self, cycle: Cycle, commit: Commit) -> bool:
         """Return whether an obstacle that isn't observed yet can't reach the robot before it stands."""
-        asked = self._request
-        if asked.appear_distance is None:
+        request = self._request
+        if request.appear_distance is None:
             return True
         until = join_commits([*cycle.executed, commit])
         gone = self._judge.bound_travel(until, cycle.seen, cycle.now, commit.stops, TRAVELLED_IN)
-        come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
-        return gone + come < asked.appear_distance
+        come = request.appear_speed * (commit.stops - cycle.now + request.clock_error)
+        return gone + come < request.appear_distance
 
     def _update_path(self, cycle: Cycle, pursuit: Pursuit, stand: LocalPoint) -> TimedPath:
         """The path to follow; takes a planned one over, and orders the next one, if it is time."""

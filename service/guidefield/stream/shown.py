@@ -173,18 +173,18 @@ class RobotMotions:
 
 
 def _along(piece: Piece, now: float) -> np.ndarray:
-    told = piece.trajectory
-    k = int(np.clip(np.searchsorted(told.times, now, side="right") - 1, 0, len(told.times) - 2))
-    span = told.times[k + 1] - told.times[k]
-    s = float(np.clip(now - told.times[k], 0.0, span))
-    q, v, a, after = (np.array(row) for row in (*_knot(piece, k), told.accelerations[k + 1]))
+    trajectory = piece.trajectory
+    k = int(np.clip(np.searchsorted(trajectory.times, now, side="right") - 1, 0, len(trajectory.times) - 2))
+    span = trajectory.times[k + 1] - trajectory.times[k]
+    s = float(np.clip(now - trajectory.times[k], 0.0, span))
+    q, v, a, after = (np.array(row) for row in (*_knot(piece, k), trajectory.accelerations[k + 1]))
     moved: np.ndarray = q + s * (v + s * (a / 2.0 + s * (after - a) / (6.0 * span)))
     return moved
 
 
 def _knot(piece: Piece, k: int) -> tuple[list[float], list[float], list[float]]:
-    told = piece.trajectory
-    return told.positions[k], told.velocities[k], told.accelerations[k]
+    trajectory = piece.trajectory
+    return trajectory.positions[k], trajectory.velocities[k], trajectory.accelerations[k]
 
 
 @dataclass

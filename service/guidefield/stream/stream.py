@@ -93,23 +93,23 @@ class CertifiedStream:
         self._inward: Callable[[Any], Any] = (lambda message: message) if anchor is None else anchor.inward
         self.origin = ORIGIN if anchor is None else anchor.place
         scene = scene if anchor is None else anchor.see(scene)
-        self._opened = asked = read_opening(self._inward(request), robot, scene, coarse)
-        self.group, self.scene = asked.group, scene
+        self._opened = opening = read_opening(self._inward(request), robot, scene, coarse)
+        self.group, self.scene = opening.group, scene
         keeping = (request.min_clearance, request.tracking_tolerance)
-        self._paths = PathPlanner(asked.group, asked.world, asked.bounds, *keeping)
+        self._paths = PathPlanner(opening.group, opening.world, opening.bounds, *keeping)
         taking = taking or FixedDelay()
-        beside = PathPlanner(asked.group, asked.world, asked.bounds, *keeping)
+        beside = PathPlanner(opening.group, opening.world, opening.bounds, *keeping)
         self._planner = BackgroundPlanner(beside, taking.niceness)
-        self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met, self.origin)
+        self._obstacles = Obstacles(scene, opening.assumption, opening.bodies_met, self.origin)
         for index, one in enumerate(request.obstacles):
-            self._obstacles.take(self._obstacles.prepare(one, f"$.obstacles[{index}]", asked.group.robot.links))
-        tolerances = np.full(asked.group.nv, request.tracking_tolerance)
-        self._judge = Judge(asked.world, asked.bounds, request.min_clearance, tolerances, asked.cartesian_limits)
+            self._obstacles.take(self._obstacles.prepare(one, f"$.obstacles[{index}]", opening.group.robot.links))
+        tolerances = np.full(opening.group.nv, request.tracking_tolerance)
+        self._judge = Judge(opening.world, opening.bounds, request.min_clearance, tolerances, opening.cartesian_limits)
         self._rng = np.random.default_rng(request.seed)
         self._finder = PieceFinder(
-            request, asked, self._judge, self._obstacles, self._paths, self._planner, taking, self._rng
+            request, opening, self._judge, self._obstacles, self._paths, self._planner, taking, self._rng
         )
-        self._state = State.at_rest(asked.start)
+        self._state = State.at_rest(opening.start)
         self._seeking = 0
         self._pieces: deque[Piece] = deque(maxlen=MAX_COMMITS)
         self._watching = StreamWatcher()
@@ -118,7 +118,7 @@ class CertifiedStream:
                 self.aim_for(request.goal)
             except InvalidGoal as error:
                 self.close()
-                raise InvalidGoal("; ".join([error.message, *asked.touching]), **error.details) from None
+                raise InvalidGoal("; ".join([error.message, *opening.touching]), **error.details) from None
             except BaseException:
                 self.close()
                 raise
@@ -178,19 +178,19 @@ class CertifiedStream:
         Each search has to be given to `take_goal`, in the order of the calls, also if it failed.
         """
         self._state.require_open()
-        asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
+        stream_goal: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
         state = self._state
         state.sought, self._seeking = state.sought + 1, self._seeking + 1
         rng = np.random.default_rng([self.request.seed, state.sought])
-        inward, near = self._inward(asked), self.executing.ends
+        inward, near = self._inward(stream_goal), self.executing.ends
 
         def work(paths: PathPlanner) -> LocalPoints:
             return find_goals(inward, self.group, paths, near, rng)
 
-        self._watching.seek(asked)
+        self._watching.seek(stream_goal)
         return GoalSearch(state.sought, self._planner.submit(work))
 
-    def take_goal(self, sought: GoalSearch | None) -> int:
+    def take_goal(self, search: GoalSearch | None) -> int:
         """Aim for what `seek` found from now on, and wait for it; None: to stand.
 
         Returns:
@@ -199,10 +199,10 @@ class CertifiedStream:
         Raises:
             GuidefieldError: if the goal is ill-posed, or can't be reached; then the one before stays.
         """
-        if sought is not None:
+        if search is not None:
             self._seeking -= 1
-        goals = None if sought is None else sought.found.result()
-        self._watching.aimed(None if sought is None else sought.number)
+        goals = None if search is None else search.found.result()
+        self._watching.aimed(None if search is None else search.number)
         self._state.aim(goals)
         return self._state.goal
 

@@ -282,23 +282,23 @@ def _behind(obstacles: BatchObstacles, tables: list[_Tables], roots: np.ndarray)
     )
 
 
-def prepare_scene(scene: Scene, deadline: Deadline, told: Callable[[str], None] = lambda _: None) -> None:
+def prepare_scene(scene: Scene, deadline: Deadline, announce: Callable[[str], None] = lambda _: None) -> None:
     """Build and keep the tables of obstacles that aren't primitives, which takes seconds for large meshes.
 
-    `told` hears of each before. One that was begun is finished. Raises DeadlineExpired, with the obstacle's name, if
-    time was up.
+    `announce` is called with the name of each before it is built. One that was begun is finished. Raises
+    DeadlineExpired, with the obstacle's name, if time was up.
     """
     if scene in _prepared:
         return
     left = [one for one in map(scene.obstacles.__getitem__, unplaced(scene)) if _MADE.of(one, None) is MISSING]
     flat = [one for one in left if _is_flat(one)]
     for begin in range(0, len(flat), POLYGONS_AT_ONCE):
-        told(f"obstacle {flat[begin].name}")
+        announce(f"obstacle {flat[begin].name}")
         deadline.check(f"obstacle {flat[begin].name}")
         _make_flat(flat[begin : begin + POLYGONS_AT_ONCE])
     for obstacle in left:
         if _MADE.of(obstacle, None) is MISSING:
-            told(f"obstacle {obstacle.name}")
+            announce(f"obstacle {obstacle.name}")
             deadline.check(f"obstacle {obstacle.name}")
             _tables(obstacle)
     _prepared.add(scene)

@@ -108,8 +108,8 @@ def _write_boxed_tree(corners: np.ndarray, boxed: int, allocate: Allocate) -> Ar
         nodes.append(cluster[0])
         about.append(box_corners(corners, cluster[1]))
 
-    told = (keep,) if boxed else ()
-    _write_tree(corners, made, lambda clusters: stand_in(clusters[CLUSTER]), *told)
+    callbacks = (keep,) if boxed else ()
+    _write_tree(corners, made, lambda clusters: stand_in(clusters[CLUSTER]), *callbacks)
     if boxed:
         write_boxes(np.concatenate(nodes), np.concatenate(about), made)
     return made

@@ -43,14 +43,16 @@ class RequestedPlan:
 
 def read_plan_request(message: Any, now: Snapshot) -> RequestedPlan:
     """Read a GetMotionPlan; raises Refused, with the name of the field, if it isn't served."""
-    asked = message.motion_plan_request
-    group = now.robot.group(asked.group_name)
-    _require_served(asked)
-    start = with_state(now, asked.start_state, "start_state")
-    goal = goal_of(asked.goal_constraints, group, start)
-    allowed, time_notes = _planning_time(asked.allowed_planning_time)
-    velocity, velocity_notes = _factor(asked.max_velocity_scaling_factor, "max_velocity_scaling_factor")
-    acceleration, acceleration_notes = _factor(asked.max_acceleration_scaling_factor, "max_acceleration_scaling_factor")
+    ros_request = message.motion_plan_request
+    group = now.robot.group(ros_request.group_name)
+    _require_served(ros_request)
+    start = with_state(now, ros_request.start_state, "start_state")
+    goal = goal_of(ros_request.goal_constraints, group, start)
+    allowed, time_notes = _planning_time(ros_request.allowed_planning_time)
+    velocity, velocity_notes = _factor(ros_request.max_velocity_scaling_factor, "max_velocity_scaling_factor")
+    acceleration, acceleration_notes = _factor(
+        ros_request.max_acceleration_scaling_factor, "max_acceleration_scaling_factor"
+    )
     request = PlanRequest(
         robot=start.robot.name,
         scene=start.scene(),
@@ -58,28 +60,35 @@ def read_plan_request(message: Any, now: Snapshot) -> RequestedPlan:
         group=group,
         tip=goal.tip,
         start=dict(start.whole),
-        start_velocities=_start_velocities(asked.start_state.joint_state, group),
+        start_velocities=_start_velocities(ros_request.start_state.joint_state, group),
         guide_planes=[],
         attached_objects=start.attached(),
         allowed_collisions=start.allowed(),
-        path_constraints=path_constraints_of(asked.path_constraints, group, start),
-        cartesian_limits=_cartesian_limits(asked, goal.tip, start),
+        path_constraints=path_constraints_of(ros_request.path_constraints, group, start),
+        cartesian_limits=_cartesian_limits(ros_request, goal.tip, start),
         max_velocity_scaling_factor=velocity,
         max_acceleration_scaling_factor=acceleration,
         allowed_planning_time=allowed,
     )
-    notes = (*_start_notes(start), *goal.notes, *time_notes, *velocity_notes, *acceleration_notes, *_ignored(asked))
-    return RequestedPlan(request, start, asked.group_name, notes, (goal, *goal.others) if goal.others else ())
+    notes = (
+        *_start_notes(start),
+        *goal.notes,
+        *time_notes,
+        *velocity_notes,
+        *acceleration_notes,
+        *_ignored(ros_request),
+    )
+    return RequestedPlan(request, start, ros_request.group_name, notes, (goal, *goal.others) if goal.others else ())
 
 
-def request_solutions(asked: RequestedPlan) -> list[InverseKinematics]:
+def request_solutions(plan: RequestedPlan) -> list[InverseKinematics]:
     """Return requests for configurations at the poses of alternative goals, one for each link.
 
     MoveIt's planners sample such configurations, too.
     """
-    request = asked.request
+    request = plan.request
     poses: dict[str, list[TargetPose]] = {}
-    for one in asked.choices:
+    for one in plan.choices:
         if isinstance(one.goal, PoseGoal):
             assert one.tip is not None, "a pose is a link's"
             poses.setdefault(one.tip, []).append(TargetPose(**msgspec.structs.asdict(one.goal)))
@@ -101,43 +110,43 @@ def request_solutions(asked: RequestedPlan) -> list[InverseKinematics]:
     ]
 
 
-def with_solutions(asked: RequestedPlan, found: Sequence[InverseKinematicsReply]) -> RequestedPlan:
+def with_solutions(plan: RequestedPlan, found: Sequence[InverseKinematicsReply]) -> RequestedPlan:
     """Return the plan with the found configurations, and alternative goals of joints, as its goal.
 
     Raises Refused if there are none.
     """
-    positions = [one.goal.positions for one in asked.choices if isinstance(one.goal, JointsGoal)]
+    positions = [one.goal.positions for one in plan.choices if isinstance(one.goal, JointsGoal)]
     positions += [solution for reply in found for solutions in reply.configurations for solution in solutions]
     if not positions:
         reasons = "; ".join(dict.fromkeys(reason for reply in found for reason in reply.reasons))
         raise Refused(f"`goal_constraints`: none of the poses is reached: {reasons}", Status.NO_IK_SOLUTION)
-    note = f"of {len(asked.choices)} goals {len(positions)} configurations were looked at"
+    note = f"of {len(plan.choices)} goals {len(positions)} configurations were looked at"
     goal = JointSetGoal(positions)
     return dataclasses.replace(
-        asked, request=msgspec.structs.replace(asked.request, goal=goal, tip=None), notes=(*asked.notes, note)
+        plan, request=msgspec.structs.replace(plan.request, goal=goal, tip=None), notes=(*plan.notes, note)
     )
 
 
-def plan_response(asked: RequestedPlan, reply: PlanReply, seconds: float) -> dict[str, Any]:
+def plan_response(plan: RequestedPlan, reply: PlanReply, seconds: float) -> dict[str, Any]:
     """Return the response of a reply; it has a trajectory only if that is whole and certified."""
     code = moveit_code(reply.status.code)
     answer = {
-        "trajectory_start": robot_state(asked.start),
-        "group_name": asked.group,
+        "trajectory_start": robot_state(plan.start),
+        "group_name": plan.group,
         "planning_time": seconds,
-        "error_code": error_code(code, _describe(reply, asked.notes)),
+        "error_code": error_code(code, _describe(reply, plan.notes)),
     }
     if code == Status.SUCCESS:
         assert reply.trajectory is not None, "a plan that was found has one"
-        answer["trajectory"] = robot_trajectory(asked.start, reply.position_names, reply.trajectory)
+        answer["trajectory"] = robot_trajectory(plan.start, reply.position_names, reply.trajectory)
     return {"motion_plan_response": answer}
 
 
-def display(asked: RequestedPlan, response: dict[str, Any]) -> dict[str, Any]:
+def display(plan: RequestedPlan, response: dict[str, Any]) -> dict[str, Any]:
     """Return the moveit_msgs/DisplayTrajectory of the response with a trajectory."""
     answer = response["motion_plan_response"]
     return {
-        "model_id": asked.start.robot.name,
+        "model_id": plan.start.robot.name,
         "trajectory": [answer["trajectory"]],
         "trajectory_start": answer["trajectory_start"],
     }
@@ -152,13 +161,16 @@ def _describe(reply: PlanReply, notes: tuple[str, ...]) -> str:
     return "; ".join([*parts, *notes, *reply.warnings])
 
 
-def _require_served(asked: Any) -> None:
-    if asked.trajectory_constraints.constraints:
+def _require_served(ros_request: Any) -> None:
+    if ros_request.trajectory_constraints.constraints:
         raise GoalRefused("`trajectory_constraints` isn't served")
 
 
-def _cartesian_limits(asked: Any, tip: str | None, start: Snapshot) -> list[CartesianLimit]:
-    speed, link = number(asked.max_cartesian_speed, "max_cartesian_speed"), asked.cartesian_speed_limited_link
+def _cartesian_limits(ros_request: Any, tip: str | None, start: Snapshot) -> list[CartesianLimit]:
+    speed, link = (
+        number(ros_request.max_cartesian_speed, "max_cartesian_speed"),
+        ros_request.cartesian_speed_limited_link,
+    )
     if speed <= 0.0:
         return []
     if link:
@@ -207,12 +219,12 @@ def _start_notes(start: Snapshot) -> list[str]:
     return [f"neither /joint_states nor `start_state` tells {', '.join(start.unheard)}: taken at rest"]
 
 
-def _ignored(asked: Any) -> list[str]:
+def _ignored(ros_request: Any) -> list[str]:
     ignored = {
-        "pipeline_id": bool(asked.pipeline_id),
-        "planner_id": bool(asked.planner_id),
-        "num_planning_attempts": asked.num_planning_attempts > 1,
-        "reference_trajectories": bool(asked.reference_trajectories),
+        "pipeline_id": bool(ros_request.pipeline_id),
+        "planner_id": bool(ros_request.planner_id),
+        "num_planning_attempts": ros_request.num_planning_attempts > 1,
+        "reference_trajectories": bool(ros_request.reference_trajectories),
     }
     names = ", ".join(f"`{name}`" for name, given in ignored.items() if given)
     return [f"{names} not used"] if names else []

@@ -195,21 +195,25 @@ def _service(name: str, request: dict[str, Any], response: dict[str, Any]) -> di
     def at_most_one(of: str) -> tuple[Nodetype, Any]:
         return Nodetype.SEQUENCE, (one(of), 1)
 
-    asked, answered, event = f"{name}_Request", f"{name}_Response", f"{name}_Event"
+    request_type, response_type, event_type = f"{name}_Request", f"{name}_Response", f"{name}_Event"
     return {
         **request,
         **response,
-        event: (
+        event_type: (
             [],
             [
                 ("info", one("service_msgs/msg/ServiceEventInfo")),
-                ("request", at_most_one(asked)),
-                ("response", at_most_one(answered)),
+                ("request", at_most_one(request_type)),
+                ("response", at_most_one(response_type)),
             ],
         ),
         name: (
             [],
-            [("request_message", one(asked)), ("response_message", one(answered)), ("event_message", one(event))],
+            [
+                ("request_message", one(request_type)),
+                ("response_message", one(response_type)),
+                ("event_message", one(event_type)),
+            ],
         ),
     }
 

@@ -45,12 +45,12 @@ UNSET_TIME = 1.0  # time for inverse kinematics if a request has none [s]
 
 def read_ik_request(message: Any, now: Snapshot) -> tuple[InverseKinematics, Snapshot]:
     """Read a GetPositionIK: a request of ours, and robot and scene; raises Refused, with the field, if not served."""
-    asked = message.ik_request
-    group = now.robot.group(asked.group_name)
-    start = with_state(now, asked.robot_state, "ik_request.robot_state")
-    require_no_constraints(asked.constraints, "ik_request.constraints")
-    link, stamped, where = _target(asked)
-    start.robot.require_link(link, f"ik_request.{'ik_link_names' if asked.ik_link_names else 'ik_link_name'}")
+    ik_request = message.ik_request
+    group = now.robot.group(ik_request.group_name)
+    start = with_state(now, ik_request.robot_state, "ik_request.robot_state")
+    require_no_constraints(ik_request.constraints, "ik_request.constraints")
+    link, stamped, where = _target(ik_request)
+    start.robot.require_link(link, f"ik_request.{'ik_link_names' if ik_request.ik_link_names else 'ik_link_name'}")
     frame, moving = start.frame(stamped.header.frame_id, f"ik_request.{where}.header.frame_id")
     if moving is not None and start.robot.moves(moving, group):
         raise FrameRefused(
@@ -62,13 +62,13 @@ def read_ik_request(message: Any, now: Snapshot) -> tuple[InverseKinematics, Sna
         poses=[TargetPose(position, quaternion)],
         tip=link,
         group=group,
-        scene=start.scene() if asked.avoid_collisions else None,
-        collision_free=asked.avoid_collisions,
-        attached_objects=start.attached() if asked.avoid_collisions else [],
-        allowed_collisions=start.allowed() if asked.avoid_collisions else [],
+        scene=start.scene() if ik_request.avoid_collisions else None,
+        collision_free=ik_request.avoid_collisions,
+        attached_objects=start.attached() if ik_request.avoid_collisions else [],
+        allowed_collisions=start.allowed() if ik_request.avoid_collisions else [],
         start_configurations=[dict(start.whole)],
         solutions=1,
-        allowed_time=_allowed(asked.timeout),
+        allowed_time=_allowed(ik_request.timeout),
     )
     return request, start
 
@@ -106,17 +106,17 @@ def places_response(links: list[str], frame: str, there: Any, reply: ForwardKine
     }
 
 
-def _target(asked: Any) -> tuple[str, Any, str]:
-    if asked.pose_stamped_vector or asked.ik_link_names:
-        if len(asked.pose_stamped_vector) != 1 or len(asked.ik_link_names) != 1:
+def _target(ik_request: Any) -> tuple[str, Any, str]:
+    if ik_request.pose_stamped_vector or ik_request.ik_link_names:
+        if len(ik_request.pose_stamped_vector) != 1 or len(ik_request.ik_link_names) != 1:
             raise LinkRefused(
                 "`ik_request.pose_stamped_vector` and `ik_link_names`: one of each is served, got"
-                f" {len(asked.pose_stamped_vector)} and {len(asked.ik_link_names)}"
+                f" {len(ik_request.pose_stamped_vector)} and {len(ik_request.ik_link_names)}"
             )
-        return asked.ik_link_names[0], asked.pose_stamped_vector[0], "pose_stamped_vector[0]"
-    if not asked.ik_link_name:
+        return ik_request.ik_link_names[0], ik_request.pose_stamped_vector[0], "pose_stamped_vector[0]"
+    if not ik_request.ik_link_name:
         raise LinkRefused("`ik_request.ik_link_name` is empty: name the link")
-    return asked.ik_link_name, asked.pose_stamped, "pose_stamped"
+    return ik_request.ik_link_name, ik_request.pose_stamped, "pose_stamped"
 
 
 def _allowed(timeout: Any) -> float:
@@ -221,16 +221,16 @@ class Services:
         return msgspec.msgpack.decode(answer, type=kind)
 
     def _plan(self, message: Any, received: float) -> ServiceAnswer:
-        asked = motion_plan.read_plan_request(message, self._known.now)
-        if asked.choices:
-            looked_for = motion_plan.request_solutions(asked)
-            found = [self._engine("kinematics", one, InverseKinematicsReply, received) for one in looked_for]
-            asked = motion_plan.with_solutions(asked, found)
-        reply = self._engine("plan", asked.request, PlanReply, received)
-        response = motion_plan.plan_response(asked, reply, time.monotonic() - received)
+        plan = motion_plan.read_plan_request(message, self._known.now)
+        if plan.choices:
+            queries = motion_plan.request_solutions(plan)
+            found = [self._engine("kinematics", one, InverseKinematicsReply, received) for one in queries]
+            plan = motion_plan.with_solutions(plan, found)
+        reply = self._engine("plan", plan.request, PlanReply, received)
+        response = motion_plan.plan_response(plan, reply, time.monotonic() - received)
         published = {"guidefield/plans": {"data": _figures(reply)}}
         if "trajectory" in response["motion_plan_response"]:
-            published["display_planned_path"] = motion_plan.display(asked, response)
+            published["display_planned_path"] = motion_plan.display(plan, response)
         return ServiceAnswer(response, published)
 
     def _solution(self, message: Any, received: float) -> ServiceAnswer:

@@ -319,8 +319,8 @@ class ControllerClient:
             if value > 0.0
         ]
         goal = {"trajectory": motion.message, "path_tolerance": tolerances}
-        asked = {"goal_id": _uuid(goal_id), "goal": goal}
-        answer = self._ask("send_goal", f"{ACTION}_SendGoal", asked)
+        request = {"goal_id": _uuid(goal_id), "goal": goal}
+        answer = self._ask("send_goal", f"{ACTION}_SendGoal", request)
         if answer is None:
             raise TimedOut(f"controller {self.name!r} is silent: it didn't answer the goal within {self._patience:g} s")
         return bool(answer.accepted)
@@ -343,9 +343,9 @@ class ControllerClient:
             TimedOut: if it doesn't answer, or knows no such motion all the while.
             NoService, MalformedRequest: as `_ask`.
         """
-        asked, until = {"goal_info": {"goal_id": _uuid(goal_id)}}, time.monotonic() + self._patience
+        request, until = {"goal_info": {"goal_id": _uuid(goal_id)}}, time.monotonic() + self._patience
         while True:
-            answer = self._ask("cancel_goal", CANCEL, asked)
+            answer = self._ask("cancel_goal", CANCEL, request)
             if answer is None:
                 raise TimedOut(
                     f"controller {self.name!r} is silent: it didn't answer that the motion is to be canceled"

@@ -362,7 +362,7 @@ class Sections(ReadOnly):
     # which group each is of, in ascending order, shape (k,); -1: it holds all along. Of groups that cost as little the
     # first is kept
     groups: np.ndarray
-    asked: np.ndarray  # whether each is examined on a section, 1 or 0, shape (sections, k)
+    active: np.ndarray  # whether each is examined on a section, 1 or 0, shape (sections, k)
 
     @classmethod
     def whole(cls, frames: ConstrainedFrames, passages: int = 0) -> Sections:
@@ -380,14 +380,14 @@ def constraint_samples(sections: Sections, pieces: int, passed: Sequence[float],
     if not sections.frames.constraints:
         return _no_samples(sections.frames.group)
     bounds, _, of_samples, shares, _ = place_samples(pieces, CONSTRAINT_SAMPLES * samples)
-    asked = sections.asked[np.searchsorted(np.array(passed), bounds[:-1], side="right")]
-    asked.setflags(write=False)
+    active = sections.active[np.searchsorted(np.array(passed), bounds[:-1], side="right")]
+    active.setflags(write=False)
     return KeptSamples(
         keep_frames(sections.frames),
         of_samples,
         shares,
         sections.groups,
-        asked,
+        active,
         CONSTRAINT_ROOM,
         CONSTRAINT_WEIGHT,
         TIGHT,
@@ -397,7 +397,7 @@ def constraint_samples(sections: Sections, pieces: int, passed: Sequence[float],
 @memoized_for_alike
 def _no_samples(group: PlanningGroup) -> KeptSamples:
     nowhere, none = place_samples(0, 1), Sections.whole(ConstrainedFrames(group, ()))
-    return KeptSamples(keep_frames(none.frames), nowhere[2], nowhere[3], none.groups, none.asked[:0], 1.0, 0.0, 0.0)
+    return KeptSamples(keep_frames(none.frames), nowhere[2], nowhere[3], none.groups, none.active[:0], 1.0, 0.0, 0.0)
 
 
 def is_better(problem: Problem, motion: Trajectory, other: Trajectory, settings: OptimizationSettings) -> bool:

@@ -133,14 +133,14 @@ def _sections(problem: Problem, parts: Sequence[StepPart]) -> Sections:
             groups += 2 * [len(parts) + k]
             near += 2 * [range(k - 1, k + 2)]
     straight = [one.line is not None for one in parts]
-    asked = np.array(
+    active = np.array(
         [
             [group == -1 or (straight[k] and k in sections) for group, sections in zip(groups, near, strict=True)]
             for k in range(len(parts))
         ],
         np.int64,
     ).reshape(len(parts), -1)
-    return Sections(ConstrainedFrames(problem.group, tuple(constraints)), np.array(groups, np.int64), asked)
+    return Sections(ConstrainedFrames(problem.group, tuple(constraints)), np.array(groups, np.int64), active)
 
 
 def _make_goal_section(goal: PassedGoal) -> tuple[PathConstraint, PathConstraint]:

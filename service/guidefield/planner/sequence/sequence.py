@@ -241,10 +241,10 @@ class _SequencePlanning(Generic[S]):
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
             trajectory, segments, permissions = self._parts()
             deadline = self._deadline.at_least(CERTIFY_GRACE_S)
-            judged: Iterable[Verdict] = (certify_segment(segment, deadline)[0] for segment in segments)
+            segment_verdicts: Iterable[Verdict] = (certify_segment(segment, deadline)[0] for segment in segments)
             if (execution := self._legs[0].conditions.execution) is not None:
-                drawn, segments, judged = choose_segment_rows(trajectory, execution, segments, deadline)
-            for segment, verdict in zip(segments, judged, strict=False):
+                drawn, segments, segment_verdicts = choose_segment_rows(trajectory, execution, segments, deadline)
+            for segment, verdict in zip(segments, segment_verdicts, strict=False):
                 verdicts.append(verdict)
                 if not verdicts[-1].free:
                     ended = _name_step(segment.index, make_refusal(segment, verdicts[-1]))
@@ -316,11 +316,11 @@ class _SequencePlanning(Generic[S]):
         return self._failed(refused.index, ending, at, base[None], verdict)
 
     def _failed(self, index: int, ending: Ending, at: S, path: LocalPoints, verdict: Verdict) -> SequencePlan[S]:
-        told = _name_step(index, ending)
+        refusal = _name_step(index, ending)
         return SequencePlan(
-            told.status,
-            told.message,
-            told.details,
+            refusal.status,
+            refusal.message,
+            refusal.details,
             legs=tuple(self._legs),
             path=path,
             verdicts=(verdict,),

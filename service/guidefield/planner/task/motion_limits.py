@@ -189,15 +189,15 @@ def _shapes_of(group: PlanningGroup, link: str) -> list[int]:
     return [k for k, shape in enumerate(group.geometry.geometryObjects) if shape.name in names]
 
 
-def _body_of(group: PlanningGroup, asked: tuple[str, str]) -> CarriedBody:
-    made = _alike_body(group, asked)
+def _body_of(group: PlanningGroup, kind_and_name: tuple[str, str]) -> CarriedBody:
+    made = _alike_body(group, kind_and_name)
     return made._replace(joints=made.joints._replace(origin=group_joints(group).origin))
 
 
 @memoized_for_alike
-def _alike_body(group: PlanningGroup, asked: tuple[str, str]) -> CarriedBody:
+def _alike_body(group: PlanningGroup, kind_and_name: tuple[str, str]) -> CarriedBody:
     """The body of a frame or link, but for where rotation vectors start."""
-    kind, name = asked
+    kind, name = kind_and_name
     frame = group.model.frames[group.robot.frame_id(name)]
     joints = alike_group_joints(group)
     joints = joints._replace(table=chain_of(joints.table, int(frame.parentJoint)))
