@@ -3,8 +3,9 @@
 Pinocchio has a reader of MJCF, too; of 152 models that people publish it places 42 as MuJoCo does (version 4.1).
 MuJoCo's own compiler is right by definition, and what it compiled is plain: a tree of bodies, joints, shapes and masks.
 
-Pairs that `find_disabled_pairs` returns are never tested, and shapes have to contain the geoms. `VISIBLE_GROUPS` is of
-pictures alone; with more `SUBDIVISIONS` ellipsoids, also of scene files, are tested closer, and for longer.
+Pairs that `find_disabled_pairs` returns are never tested, and shapes have to contain the geoms. By `VISIBLE_GROUPS`
+geoms are drawn, or refused if they can't be; with more `SUBDIVISIONS` ellipsoids, also of scene files, are tested
+closer, and for longer.
 """
 
 from __future__ import annotations
@@ -124,7 +125,8 @@ class GeomWriter:
             kind_name = kinds(kind).name.removeprefix("mjGEOM_").lower()
             raise RobotInvalid(
                 f"MJCF: geom {self._names[geom]!r} is of type {kind_name}, whose surface only its plugin knows; "
-                "replace it by a mesh or a primitive, or set its contype and conaffinity to 0 and its group to 3"
+                "replace it by a mesh or a primitive, or set its contype and conaffinity to 0 and its group to "
+                f"{VISIBLE_GROUPS}"
             )
         return "mesh", {"filename": self._mesh(mesh)}
 

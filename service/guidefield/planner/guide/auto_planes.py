@@ -5,8 +5,8 @@ narrowest, where free space turns into a passage (a taper is not narrowest at it
 planes don't see each other. Each is the free cross-section there, and is moved along the path to the smallest one
 nearby.
 
-A plane is a proposal: other constants, above 0, give other planes or none, and so other motions. Lengths are for a
-robot of size 1 (`PlanningGroup.size`). The names of planes are in replies; `RAYS` is in that document, too.
+A plane is a proposal, and a section without an area gives none: other constants, above 0, give other planes or none,
+and so other motions. Lengths are for a robot of size 1. Names of planes are in replies, `RAYS` is in that document.
 """
 
 from __future__ import annotations
@@ -296,7 +296,7 @@ def _plane(tables: DistanceTables, path: TipPath, place: int, number: int) -> Gu
     vertices = [tuple(vertex) for vertex in (centre + corners @ across).tolist()]
     try:
         return build(messages.GuidePlane(name=f"GP-auto-{number}", vertices=vertices), number - 1)
-    except SceneInvalid:
+    except (SceneInvalid, ValueError):  # no area; fewer than three corners
         return None
 
 

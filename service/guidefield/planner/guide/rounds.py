@@ -5,9 +5,10 @@ by step, or several of them in one kernel if nothing has to be judged outside it
 once (`Blocks.ONE`), and all shapes of the robot are capsules (`SweptWorld.exact`). Both ways have to do the same. The
 kernels (kernels/guide/plane_rounds.py and descent.py) get the constants from here.
 
-Steps are taken if free: the constants change clearance, success and time of the path to a plane; `ROUNDS_PER_CHECK`
-changes counts, and the pair that a standstill names. The document repeats `SMALLEST_STEP`, `GUARD`, `ON_PLANE`,
-`REGULARIZATION`, `TOLERANCE`, `CLOSE`, `FINE`. `Unrecorded`: nobody knows what chose a constant; measure first.
+Steps are taken if free: the constants change clearance, success and time of the path to a plane; a tip within
+`ON_PLANE` has arrived, and may end there; `ROUNDS_PER_CHECK` changes counts, and the pair that a standstill names. The
+document repeats `SMALLEST_STEP`, `GUARD`, `ON_PLANE`, `REGULARIZATION`, `TOLERANCE`, `CLOSE`, `FINE`. `Unrecorded`:
+nobody knows what chose a constant; measure first.
 """
 
 from __future__ import annotations
