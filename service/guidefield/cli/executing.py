@@ -106,7 +106,7 @@ def execute(
     if record is not None and isinstance(reply, PlanReply) and isinstance(found.request, PlanRequest):
         engine = replaying_engine(owner_of(run), data_folder(data, name), ())
         judgement = engine.answer(judgement_of(found.request, reply, outcome.states), record_to=record)
-        assert isinstance(judgement, CertifyReply), "a motion was judged"
+        assert isinstance(judgement, CertifyReply), "the request is a certify request"
         Console().print(motion_table(judgement))
     raise typer.Exit(0 if outcome.is_fine else 1)
 

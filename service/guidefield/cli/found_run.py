@@ -238,7 +238,7 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
 
 
 def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
-    """Find the plan of an argument, as `find_run`; raises MalformedRequest, too, if the run judged a motion."""
+    """Find the plan of an argument, as `find_run`; raises MalformedRequest, too, if it is of a certify request."""
     reply = find_run(run, data, name).reply
     if not isinstance(reply, PlanReply):
         raise MalformedRequest(f"run {run!r} is no plan: it judged a motion that was given", run_id=run)

@@ -152,8 +152,8 @@ def replay(
         raise
     if isinstance(before.reply, CertifyReply) and isinstance(now, CertifyReply):
         raise typer.Exit(_compare_verdicts(run, before.reply, now, before.versions))
-    assert isinstance(before.reply, PlanReply), "a plan was asked for"
-    assert isinstance(now, PlanReply), "a plan was asked for"
+    assert isinstance(before.reply, PlanReply), "the request is a plan request"
+    assert isinstance(now, PlanReply), "the request is a plan request"
     parts = list_differences(before.reply, now)
     if not parts:
         _say(f"{run}: bit-identical: {_summarize(now)}")

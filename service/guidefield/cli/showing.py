@@ -1,6 +1,6 @@
 """`guidefield show`: open a recording in the Rerun viewer, in a window or a web browser of this machine.
 
-Page and file are served on loopback alone, and must be: nobody is asked for a password.
+Page and file are served on loopback alone, and must be: there is no password.
 """
 
 from __future__ import annotations

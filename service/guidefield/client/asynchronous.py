@@ -94,7 +94,7 @@ class AsyncClient:
 
     @property
     def instance(self) -> str:
-        """Name of the instance that is asked now."""
+        """Name of the instance that gets the queries now."""
         return self._exchange.instance
 
     async def plan(
@@ -130,7 +130,7 @@ class AsyncClient:
         return await self._run(questions.certify(request, fields), progress)
 
     async def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
-        assert question.run_id is not None, "a run is asked for with a name"
+        assert question.run_id is not None, "a question for a run has its name"
         hear = None if progress is None else _call_in_loop(progress)
         with self._exchange.watching_run(question.run_id, hear):
             reply = await self._ask_or_cancel(question, questions.cancel(question.run_id))
@@ -149,7 +149,7 @@ class AsyncClient:
     async def kinematics(self, request: KinematicsRequest | dict[str, Any]) -> KinematicsReply:
         """Ask for placements, configurations, clearances or potentials; the reply's kind is the request's."""
         question = questions.kinematics(request)
-        assert question.request_id is not None, "kinematics is asked for with a name"
+        assert question.request_id is not None, "a question for kinematics has a name"
         return await self._ask_or_cancel(question, questions.cancel_request(question.request_id))
 
     def stream(
@@ -188,7 +188,7 @@ class AsyncClient:
         query, joined = codec.convert(filters, ReadRuns), None
         while (question := questions.next_runs(query, limit, joined)) is not None:
             joined = questions.join_runs(joined, await _ask(self._exchange, question))
-        assert joined is not None, "at least one page is asked for"
+        assert joined is not None, "there is at least one page"
         return joined
 
     cancel = _awaited(Client.cancel, questions.cancel, lambda reply: reply.done)

@@ -117,7 +117,7 @@ class Client:
 
     @property
     def instance(self) -> str:
-        """Return the name of the instance that is asked now."""
+        """Return the name of the instance that gets the queries now."""
         return self._exchange.instance
 
     def alive(self) -> bool:
@@ -178,7 +178,7 @@ class Client:
         return self._run(questions.certify(request, fields), progress)
 
     def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
-        assert question.run_id is not None, "a run is asked for with a name"
+        assert question.run_id is not None, "a question for a run has its name"
         with self._exchange.watching_run(question.run_id, progress):
             reply = self._ask_or_cancel(question, questions.cancel(question.run_id))
         self._shown.add(reply)
@@ -216,7 +216,7 @@ class Client:
             Preempted: if it was cancelled.
         """
         question = questions.kinematics(request)
-        assert question.request_id is not None, "kinematics is asked for with a name"
+        assert question.request_id is not None, "a question for kinematics has a name"
         return self._ask_or_cancel(question, questions.cancel_request(question.request_id))
 
     def cancel_request(self, request_id: str) -> str:
@@ -406,7 +406,7 @@ class Client:
         query, joined = codec.convert(filters, ReadRuns), None
         while (question := questions.next_runs(query, limit, joined)) is not None:
             joined = questions.join_runs(joined, self._ask(question))
-        assert joined is not None, "at least one page is asked for"
+        assert joined is not None, "there is at least one page"
         return joined
 
     def run(self, run_id: str) -> AnyRunReply:

@@ -4,9 +4,9 @@ Theory of operation. A question goes to one instance at a time. A question with 
 that has the stored things it names; any other goes to the instance that was the least busy when the client connected.
 Zenoh signals the end of the replies: without a reply the instance is gone. If the client named no instance, the
 question then goes to another one, as it does if an instance is too busy. If there is no other one, and the link was
-cut only for a moment, the same instance is asked again. A plan has its run's name, so that the running or finished run
-answers. This repeats within the question's time, as long as some instance is back within `RETURN_TIME_S`. A question is
-never at two instances at once, so that it has never a second answer.
+cut only for a moment, the question goes to the same instance again. A plan has its run's name, so that the running or
+finished run answers. This repeats within the question's time, as long as some instance is back within
+`RETURN_TIME_S`. A question is never at two instances at once, so that it has never a second answer.
 """
 
 from __future__ import annotations
@@ -255,7 +255,7 @@ class Exchange:
         """Ask, and return the future payload of the answer, or the exception that the service's error names.
 
         Raises:
-            MalformedRequest: if its key can't be asked for.
+            MalformedRequest: if its key can't be queried.
             NoService: if the session is closed.
         """
         if self.session.is_closed():

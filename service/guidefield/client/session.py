@@ -156,7 +156,7 @@ class ShownRuns:
     """Shows one run after the other, in a thread of its own.
 
     Args:
-        exchange: What the recordings are asked over.
+        exchange: The link over which it queries the recordings.
         viewer: Address of a running viewer; None: nothing is shown.
     """
 

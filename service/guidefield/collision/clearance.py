@@ -34,9 +34,9 @@ def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
     tells. A body that touches may be reported too: it is partly inside. A motion without contact can't change the
-    answer: it is asked for once, at the start. The configuration is the model's, shape (model.nq,).
+    answer: one query, at the start, is enough. The configuration is the model's, shape (model.nq,).
     """
-    answer = _ENCLOSURES.of(world, key := q.tobytes())  # starts are asked about again and again
+    answer = _ENCLOSURES.of(world, key := q.tobytes())  # queries about starts repeat
     return _ENCLOSURES.keep(world, key, _find_enclosed_each(world, [q])[0]) if answer is MISSING else answer
 
 
@@ -51,7 +51,7 @@ def find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[P
 def find_enclosed_pairs(world: World, qs: Sequence[ModelConfiguration], since: int = 0) -> Iterator[list[int]]:
     """Yield for each configuration all pairs with one body wholly inside the other's closed mesh, as `enclosed`.
 
-    Pairs are given by ascending indices, from `since` on, and searched for when they are asked for.
+    Pairs are given by ascending indices, from `since` on, and searched for lazily.
     """
     return map(list, _enclosures(world, qs, since))
 
@@ -112,7 +112,7 @@ def find_closed_bodies(group: PlanningGroup) -> np.ndarray:
 class Contact:
     """Names of a link and a link or obstacle that touch, and their depth.
 
-    The depth is how far they must part to be free [m]; None if one is judged as a surface.
+    The depth is how far they must part to be free [m]; None if one counts as a surface.
     """
 
     pair: tuple[str, str]

@@ -1,12 +1,12 @@
 """The narrow phase: Coal's distance of two bodies where they stand, with its known faults mended, and their depth.
 
-Nothing is made of a pair before it is asked for. Answers don't depend on the questions before. A surface of very many
-triangles is judged patch by patch, by those whose boxes are near enough. The faults, found in Coal 3.0.3, stand where
+Nothing is made of a pair before its first query. Results don't depend on earlier queries. A surface of very many
+triangles is measured patch by patch, by those whose boxes are near enough. The faults, found in Coal 3.0.3, stand where
 they are worked around; with another version each has to be looked for again.
 
 Depths don't decide on contact. Users read them in replies; by them `planner/leaving.py` decides if a motion may begin
 in contact, and `planner/ends.py` if a tip is blocked. With fewer `STARTS` (at least 1), `STEPS` or `FACES` they may be
-told too large, with more of `ACCURACY` or `OFF_LINE` more faults of Coal's pass.
+reported too large, with more of `ACCURACY` or `OFF_LINE` more faults of Coal's pass.
 
 Along a unit direction n two convex bodies overlap by h(n) = max n.a - min n.b over their points a and b: moved so far
 along n, the second one just touches the first. The penetration depth is the least h (Cameron and Culley 1986), so that
@@ -242,9 +242,9 @@ _ROUNDING = 1e-9  # by how much boxes about bodies are wider, for rounding [m]
 class NarrowPhase:
     """Coal's distances of pairs of bodies; like the world that it belongs to it answers one question at a time.
 
-    Coal (3.0.3, without a margin) is asked for points of contact, because otherwise it overlooks boxes that overlap by
-    centimetres where an axis of one lies along an axis of the other. `shape` and `there` return a body's Coal shape (of
-    an obstacle maybe `Patches`) and its coal.Transform3s now, by its index.
+    It has Coal (3.0.3, without a margin) return points of contact, because Coal otherwise overlooks boxes that overlap
+    by centimetres where an axis of one lies along an axis of the other. `shape` and `there` return a body's Coal shape
+    (of an obstacle maybe `Patches`) and its coal.Transform3s now, by its index.
     """
 
     def __init__(self, shape: Callable[[int], Any], there: Callable[[int], Any]) -> None:

@@ -33,7 +33,7 @@ FEW = 16  # most pairs of a point and a box that are compared one by one, which 
 
 @memoized_for_alike
 def link_hulls(group: PlanningGroup) -> tuple[Any | None, ...]:
-    """Return the hull of each of a group's bodies that is judged as a mesh; None for all others."""
+    """Return the hull of each of a group's bodies that counts as a mesh; None for all others."""
     of_robot = hulls_of(group.robot)
     index_of = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
     return tuple(of_robot[index_of[shape.name]] for shape in group.geometry.geometryObjects)
@@ -41,14 +41,14 @@ def link_hulls(group: PlanningGroup) -> tuple[Any | None, ...]:
 
 @memoized
 def hulls_of(robot: RobotModel) -> tuple[Any | None, ...]:
-    """Return the hull of each collision shape that is judged as a mesh; None for all others."""
+    """Return the hull of each collision shape that counts as a mesh; None for all others."""
     shapes = [shape.geometry for shape in robot.geometry.geometryObjects]
     return tuple(hull(shape) if isinstance(shape, coal.BVHModelBase) else None for shape in shapes)
 
 
 @memoized
 def obstacle_hull(obstacle: Obstacle) -> Any | None:
-    """Return the hull of an obstacle that is judged as a mesh; None for a flat one, and for all others.
+    """Return the hull of an obstacle that counts as a mesh; None for a flat one, and for all others.
 
     A cloud of points has none: what is among its points is mostly free. So is what is within the hull of a mesh of very
     many triangles, which takes long to find.
@@ -66,7 +66,7 @@ def obstacle_hull(obstacle: Obstacle) -> Any | None:
 class Solid:
     """A body's inside, if it is a closed mesh, and a point of each of its pieces, in its own frame [m]."""
 
-    vertices: np.ndarray  # those of a closed mesh that is judged as a surface, shape (v, 3)
+    vertices: np.ndarray  # those of a closed mesh that counts as a surface, shape (v, 3)
     # triangles of each of its solids, shape (t, 3), and boxes about runs of them (k, 4); else none
     surfaces: tuple[tuple[np.ndarray, np.ndarray], ...]
     boxes: np.ndarray  # lower and upper corners about the solids, shape (n, 2, 3)

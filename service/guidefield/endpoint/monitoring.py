@@ -211,7 +211,7 @@ def exporting_provider(instance: str) -> Any:
     return provider
 
 
-RETRY_AFTER = 2.0  # time after which a service that is starting may be asked again [s]
+RETRY_AFTER = 2.0  # time after which a client may repeat a query to a service that is starting [s]
 
 
 class Condition:

@@ -1,4 +1,4 @@
-"""Start a service, alone under its name and on its data folder, serve until told to stop, and end it in order.
+"""Start a service, alone under its name and on its data folder, serve until it has to stop, and end it in order.
 
 Callbacks of the `ExitStack` in `serve` run in reverse at the end; their order is that of what still needs what.
 """
@@ -97,7 +97,7 @@ def limits_of(queue: int) -> Limits:
 
 
 def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[str], None] = _log.info) -> None:
-    """Serve until told to stop; then finish running requests, refuse waiting ones, and return.
+    """Serve until `stop` is set; then finish running requests, refuse waiting ones, and return.
 
     Args:
         stop: Ends the service once it is set.
@@ -271,7 +271,7 @@ def _await_start(
     announce: Callable[[str], None],
     stop: threading.Event,
 ) -> bool:
-    """Return whether the pool became ready before it was told to stop; the condition tells the progress.
+    """Return whether the pool became ready before `stop` was set; the condition reports the progress.
 
     The kernels are compiled before workers start, each of which would compile them all.
     """

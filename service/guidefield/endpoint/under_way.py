@@ -269,7 +269,7 @@ Name = tuple[str, str, str]
 class _Work:
     task: Task
     cancelled: Callable[[], Answer]
-    words: object  # what identifies the query that asked for it
+    words: object  # what identifies its query
     answer: Future[Answer]
 
 

@@ -107,7 +107,7 @@ def declare_parts(
 
 
 def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearance: float) -> Motion:
-    """Make the referee's motion of a judged curve, without limits of rates; of steps the middles, joined straight."""
+    """Make the referee's motion of a given curve, without limits of rates; of steps the middles, joined straight."""
     pieces, times, rates = curve.pieces, curve.times, list[np.ndarray]()
     endless = cast(LocalRate, np.full(world.group.nv, np.inf))
     ends: np.ndarray = np.concatenate([pieces, pieces[-1:, ::-1]])  # the last piece backwards: its end is a knot, too

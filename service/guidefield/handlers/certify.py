@@ -294,7 +294,7 @@ def _joint_of(problem: GivenProblem, coordinate: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class JudgedMotion(PlainMotion):
-    """A motion that was judged."""
+    """A submitted motion and its verdict."""
 
     conditions: GivenProblem
 

@@ -205,7 +205,7 @@ class ShorteningRounds:
 
     number: int
     resolution: float  # samples of a motion per length in local coordinates [1/rad or 1/m]
-    margin: float  # what shortcuts keep from obstacles beside the clearance asked for [m]
+    margin: float  # what shortcuts keep from obstacles beside the required clearance [m]
 
 
 def shorten_path(

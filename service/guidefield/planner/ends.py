@@ -81,13 +81,13 @@ LEAST_DIFFERENCE = 0.3
 """Chosen ones differ by this at least in some coordinate [rad, or the unit of length]. Unrecorded."""
 
 GRAZING_DISTANCE = 1e-3
-"""Distance that they keep from obstacles beyond the clearance asked for, if there are such, at size 1 [m]: grazing
+"""Distance that they keep from obstacles beyond the required clearance, if there are such, at size 1 [m]: grazing
 would stop a certificate. Unrecorded."""
 
 MAX_STARTS = 8192  # starts from which a configuration that is free is searched for. Unrecorded
 
 GOALS_AT_ONCE = 100
-"""Given configurations judged between two checks of the deadline: some milliseconds."""
+"""Given configurations examined between two checks of the deadline: some milliseconds."""
 
 UNREACHED = (Status.NO_IK_SOLUTION, Status.GOAL_IN_COLLISION, Status.CLEARANCE_BELOW_MINIMUM)
 """Endings of a search for a goal pose that found no free configuration: guide planes may still lead to one."""
@@ -393,7 +393,7 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> LocalPoints:
 def _judge_before_deadline(
     problem: Problem, zs: LocalPoints, free: Callable[[Problem, LocalPoints], np.ndarray]
 ) -> np.ndarray:
-    """Return which local coordinates (n, nv) are free: (n,), bool; those not judged before the deadline aren't."""
+    """Return which local coordinates (n, nv) are free: (n,), bool; those not examined before the deadline aren't."""
     found = np.zeros(len(zs), bool)
     for begin in range(0, len(zs), GOALS_AT_ONCE):
         if begin and problem.deadline.expired():

@@ -7,8 +7,8 @@ the end it stops at every corner: then it is the path itself.
 
 From velocities at the start, or into some at the goal, the path is planned from rest to rest (`MovingEnds`), so there
 is always a motion: stop, go, and get up to speed. The optimiser makes one of it that doesn't stop. If a joint can't
-come to rest before its limit or an obstacle, the plan is refused. Among obstacles that move the stop is judged in time,
-and the run to the goal as they come to rest.
+come to rest before its limit or an obstacle, the plan is refused. Among obstacles that move the certificate of the
+stop is time-dependent; that of the run to the goal is for obstacles at rest.
 
 Every motion that is returned has the certificate's verdict, whatever the numbers here; they change which motion it is,
 if one is free, and the time. `LOST`, `OVERLOADED`, `STOPPING` and `STOPS` are warnings of replies; `_START` and `_GOAL`
@@ -62,7 +62,7 @@ REPAIRS = 4
 
 STRAIGHT_MARGIN = 0.03
 """Distance that straight paths which take the place of steps between guide planes keep from obstacles, beyond the
-clearance asked for [m], at size 1. A choice: less than what the optimiser keeps, so that it has to push little."""
+required clearance [m], at size 1. A choice: less than what the optimiser keeps, so that it has to push little."""
 
 BLENDS = (0.9, 0.75, 0.5, 0.25)  # shares tried of the way from the motion as found to a refused one. A choice
 BLEND_PLACES = 65  # places of which a motion between these two is made. A choice
@@ -120,7 +120,7 @@ def _keep_limits(
 def certify_found_path(
     problem: Problem, found: PathSoFar, stages: Stages, ends: MovingEnds | None = None
 ) -> CertifiedMotion:
-    """The motion along a path as found, as fast as its limits or its schedule allow, judged as far as it goes."""
+    """The motion along a path as found, as fast as its limits or its schedule allow, certified as far as it goes."""
     if found.failure is not None:
         return certify_as_far_as_found(problem, found, stages)
     if ends is None:

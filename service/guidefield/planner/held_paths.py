@@ -30,7 +30,7 @@ from guidefield.scene.guide_plane import GuidePlane, axes_across
 
 FIRST_TRY_SHARE = 0.5
 """Share of the time for a connection before a lesser one is searched for: from the start instead of from where derived
-guide planes led; with no more than contact avoided instead of with the clearance asked for."""
+guide planes led; with no more than contact avoided instead of with the required clearance."""
 
 
 def connect_to_plane(problem: Problem, found: PathSoFar, stuck: PathSoFar, index: int, stage: Stage) -> PathSoFar:

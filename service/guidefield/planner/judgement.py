@@ -1,6 +1,6 @@
 """Judge a given motion for a certify request: collisions, joint, Cartesian and effort limits, path constraints.
 
-Limits of rates are judged before (`LimitUses`). The judgement begins as a plan does: with a body wholly inside another,
+`LimitUses` checks limits of rates before. The judgement begins as a plan does: with a body wholly inside another,
 or a slight contact that may be left (`leaving.py`). Then certificates judge the motion among obstacles at rest and in
 motion, and its path constraints; of their refusals the first along the motion counts.
 """
@@ -29,7 +29,7 @@ from guidefield.robot.model.configuration import LimitFault, limit_faults
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GivenProblem(Conditions):
-    """A given motion with the conditions that it is judged by."""
+    """A given motion with the conditions that it has to meet."""
 
     motion: SubmittedMotion
     planned: SubmittedMotion | None = None  # the motion that `motion` is to follow, if there is another one

@@ -57,7 +57,7 @@ class CertifiedMotion(ReadOnly):
     trajectory: Trajectory | None = None  # what the robot would execute; None where a stage failed before
     failure: Ending | None = None  # why a stage failed; None where none did
     warnings: tuple[str, ...] = ()
-    judged_from: float = 0.0  # since when the trajectory is judged: before that it leaves a contact at the start [s]
+    judged_from: float = 0.0  # since when the certificate holds: before that a contact at the start is left [s]
 
 
 def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
@@ -119,7 +119,7 @@ JudgeDrawn = Callable[[SubmittedMotion], tuple[Verdict, float]]  # tells the ver
 def choose_execution(problem: Problem, trajectory: Trajectory) -> ChosenExecution:
     """Choose the rows that a controller is sent of a motion, as `choose_rows`."""
     execution, deadline = problem.execution, problem.deadline.at_least(CERTIFY_GRACE_S)
-    assert execution is not None, "it is asked for"
+    assert execution is not None, "the problem has an execution"
     known = _CHOSEN.of(trajectory, execution)
     if known is not MISSING and known[1]() is problem.world:
         return known[0]
@@ -308,7 +308,7 @@ def find_enclosed_start(conditions: Conditions, z: LocalPoint, time: float = 0.0
     """
     world = conditions.world_at(time)
     q = conditions.group.expand_from_local(z)
-    inside = enclosed(world, q)  # of most worlds known at once: it is asked first
+    inside = enclosed(world, q)  # fast for most worlds, so it comes first
     if inside is None or world.in_collision(q):
         return None
     return Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), inside, z)

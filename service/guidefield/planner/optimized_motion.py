@@ -182,7 +182,7 @@ def _certify_optimized(
     stages: Stages,
     judged_by: Judge,
 ) -> CertifiedMotion | None:
-    """An optimised trajectory, judged, with a warning where time was up in between; None where it is no better."""
+    """Certify an optimised trajectory, with a warning if time was up in between; return None if it is no better."""
     warnings, finished = (HURRIED,) if optimized.outcome is Outcome.OUT_OF_TIME else (), None
     found = (optimized.trajectory, crossed.knots(optimized.trajectory, optimized.passed))
     candidates: Iterable[tuple[Trajectory, dict[int, int]]] = (found,)

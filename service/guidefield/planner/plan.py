@@ -70,7 +70,7 @@ def cross_planes(
             found = along
         elif not connects or failure.status in (Status.TIMED_OUT, Status.PREEMPTED):
             return along
-        elif index < problem.derived_planes:  # nobody asked for it: go on without it and those that would follow
+        elif index < problem.derived_planes:  # no request names it: go on without it and those that would follow
             passed_by = True
             continue
         elif problem.path_constraints:
@@ -157,8 +157,8 @@ class Plan(ReadOnly):
     seconds: dict[str, float] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    judged_from: float = 0.0  # since when the trajectory is judged: before that it leaves a contact at the start [s]
-    drawn: DrawnMotion | None = None  # what a controller is sent of it; None where that isn't asked for
+    judged_from: float = 0.0  # since when the certificate holds: before that a contact at the start is left [s]
+    drawn: DrawnMotion | None = None  # what a controller is sent of it; None without an execution
 
 
 def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[Attempt] = PROJECTED) -> Plan:
@@ -199,7 +199,7 @@ def _choose_leaving(
 
 
 def make_refused_plan(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
-    """The plan of a problem that was not tried: nothing but the start, judged."""
+    """Make the plan of a problem that was not tried: nothing but the start and its verdict."""
     stages = Stages(problem)
     return _make_plan(problem, _refuse_start(problem, Ending(status, message, details), stages), stages)
 

@@ -139,7 +139,7 @@ class ClearanceProfile(ReadOnly):
 
     @cached_property
     def potential(self) -> tuple[np.ndarray, np.ndarray]:
-        """U along the motion: times (k,) [s] and values (k,) [m]; evaluated when asked for."""
+        """U along the motion: times (k,) [s] and values (k,) [m]; evaluated at first use."""
         return self.potentials()
 
 
@@ -235,7 +235,7 @@ def certify_and_measure(trajectory: TimedMotion, problem: Conditions, deadline: 
 class _ClearanceQueries(NamedTuple):
     times: np.ndarray  # of samples, shape (k,) [s]
     lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad, or m at size 1]
-    coarse: np.ndarray  # those at which distances are asked for, shape (l,) [s]
+    coarse: np.ndarray  # those at which distances are measured, shape (l,) [s]
     spans: list[tuple[float, float]]  # the whole motion, and the inner span if there is one [s]
     curve: Curve
 

@@ -58,7 +58,7 @@ class ScheduleSettings:
     )
     most_cells: int = 1000  # cells of a path at most. A choice
     fine: int = 4  # times for each knot of a motion at which the distance travelled is measured. A choice
-    steps_at_once: int = 4  # steps that are followed before it is asked whether time is up. A choice
+    steps_at_once: int = 4  # steps that are followed between two checks of the deadline. A choice
     most_steps: int = 4096  # after this many steps no search goes on. A choice: four minutes of a Panda's
     most_states: int = 40_000_000  # a search keeps this many states at most, of 8 bits each. A choice
     # after all obstacles have come to rest the search goes on for this many times what the path takes, and a second. A
@@ -68,7 +68,7 @@ class ScheduleSettings:
     # them is for changes of rate. Choices, tried in order
     rooms: tuple[float, ...] = (0.97, 0.85, 0.7)
     repairs: int = 8  # how often a refused place is taken out, and a schedule looked for again. A choice
-    # where what moves keeps this, and the clearance asked for, from a motion that it doesn't delay, no better one is
+    # where what moves keeps this, and the required clearance, from a motion that it doesn't delay, no better one is
     # looked for [m]: the range of the optimisation's barrier
     distance: float = 0.08
     kept_slices: int = 400  # slices whose tables are kept. A choice

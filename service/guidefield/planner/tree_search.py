@@ -40,7 +40,7 @@ RESOLUTION = 32.0
 MOST_ITERATIONS = 100_000_000  # samples that a search draws, which cost next to nothing: for safety
 MOST_MOTIONS = 3_000_000  # motions that it judges at most. Unrecorded
 # between two checks of the deadline, each of which takes some milliseconds at most: iterations that always are, nodes
-# that more iterations may look at, and motions that are judged
+# that more iterations may look at, and motions to check
 ITERATIONS_PER_CHECK, NODES_PER_CHECK, MOTIONS_PER_CHECK = 256, 4_000_000, 256
 MOST_ROOTS_TRIED = 20_000  # extensions of roots alone after which `can_escape` examines these. Unrecorded
 FIRST_CAPACITY = 512  # nodes that each tree has memory for at first; doubled when it is full. Unrecorded
@@ -174,7 +174,7 @@ class FoundPath(ReadOnly):
 
     @property
     def motions(self) -> int:
-        """Straight motions judged."""
+        """Number of straight motions that were checked."""
         return int(self.counters[tree_nodes.MOTIONS])
 
     @property
@@ -185,7 +185,7 @@ class FoundPath(ReadOnly):
 
     @property
     def tried(self) -> tuple[int, int]:
-        """Extensions of both trees that were judged."""
+        """Number of extensions of both trees that were checked."""
         first, second = self.counters[tree_nodes.TRIED : tree_nodes.TRIED + 2].tolist()
         return first, second
 

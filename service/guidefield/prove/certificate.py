@@ -1,4 +1,4 @@
-"""Certificates of motions: nothing touches or comes closer than asked, path constraints are kept; smallest distances.
+"""Certificates of motions: nothing touches or comes too close, path constraints are kept; smallest distances.
 
 Pairs of bodies are searched by `search.py`, path constraints bounded here, as docs/certificate.md says. The distances,
 confirmed by Coal, are those of replies (`planner/quality.py`), which `handlers/agreement.py` checks by the same search.

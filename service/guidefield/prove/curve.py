@@ -1,7 +1,7 @@
 """Motions as Bezier curves: their points, halves and ranges, and by how much they exceed limits of position.
 
 A curve lies in the box of its control points (the convex hull property): certificates and limits rely on it. `EXACT`
-has to stay far below `LIMIT_TOLERANCE` of verdict.py, by which excesses are judged; few `MOST_HALVINGS` miss excesses.
+has to stay far below `LIMIT_TOLERANCE` of verdict.py, beyond which an excess counts; few `MOST_HALVINGS` miss excesses.
 """
 
 from __future__ import annotations

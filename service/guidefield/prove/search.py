@@ -86,8 +86,8 @@ class ContradictionError(Exception):
     """Two judges of the same motion contradict each other: an internal failure, never an answer.
 
     Attributes:
-        motion: The robot among obstacles, the motion, and the clearance that it is judged by [m]; None where it is kept
-            as a file already.
+        motion: The robot among obstacles, the motion, and the required clearance [m]; None if it is kept as a file
+            already.
     """
 
     def __init__(self, said: str, motion: tuple[World, Curve, float] | None = None) -> None:
@@ -232,7 +232,7 @@ class _MotionSearch:
     def _end_verdict(self, waiting: np.ndarray, count: int, *, has_begun: bool) -> None:
         """End the verdict where the first segment begins for which it isn't known, once time is up.
 
-        If the search has begun, at first `LAST_SEGMENTS` more are judged for the verdict alone.
+        If the search has begun, at first `LAST_SEGMENTS` more are examined for the verdict alone.
         """
         if has_begun and len(self._questions) and self._verdict[RESOLUTION] >= 0.0:
             waiting, none = waiting.copy(), np.empty((0, ANSWER))

@@ -1,8 +1,8 @@
 """Tables of a world and a motion for the search's kernels: robot, obstacles, movers, pairs, and the Bezier curve.
 
 Columns are those of kernels/prove. Everything proved rests on the errors here being large enough: `ARITHMETIC`, which
-docs/certificate.md states, `rounding_of`, and the speeds of obstacles that move. With more of `ROUNDED` more distance
-is asked for, and handlers/agreement.py lets pass contradictions up to twice that.
+docs/certificate.md states, `rounding_of`, and the speeds of obstacles that move. A larger `ROUNDED` requires
+more distance, and handlers/agreement.py lets pass contradictions up to twice that.
 """
 
 from __future__ import annotations

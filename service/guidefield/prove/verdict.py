@@ -43,14 +43,14 @@ LIMIT_TOLERANCE = 1e-9  # a motion's coordinate may be this much beyond its limi
 
 
 class Reason(enum.Enum):
-    """Why a motion is judged as it is; the values are the words of replies."""
+    """The reason of a verdict; the values are the words of replies."""
 
     FREE = "free"
-    """No pair touches, and all that was asked for is kept, all along the motion."""
+    """No pair touches, and all conditions hold, all along the motion."""
     CONTACT = "contact"
     """A pair touches."""
     TOO_CLOSE = "too close"
-    """Robot and obstacle come closer than the clearance asked for."""
+    """Robot and obstacle come closer than the required clearance."""
     BEYOND_LIMITS = "beyond limits"
     """A joint leaves its position limits."""
     BEYOND_VELOCITY = "beyond a velocity limit"
@@ -72,14 +72,14 @@ class Verdict(ReadOnly):
     """The verdict of a certificate about a motion."""
 
     reason: Reason
-    evaluations: int  # configurations that were judged, by balls and boxes, by Coal, or by a constraint
+    evaluations: int  # configurations examined, by balls and boxes, by Coal, or by a constraint
     piece: int | None = None  # index of the piece that was refused; None if free
-    parameter: float | None = None  # where on it, from 0 to 1: the place that was judged; None if free
+    parameter: float | None = None  # where on it, from 0 to 1: the place of the refusal; None if free
     # piece, and parameter on it, up to which the motion is certified; None if free
     free_until: tuple[int, float] | None = None
     # names of the pair that was refused; None if free, or where no single pair is to blame
     pair: PairNames | None = None
-    local_point: LocalPoint | None = None  # the place that was judged, shape (nv,); None if free
+    local_point: LocalPoint | None = None  # the place of the refusal, shape (nv,); None if free
     # the joint that is beyond its limits, and its value there; None unless that is the reason
     beyond: LimitFault | None = None
 
@@ -90,7 +90,7 @@ class Verdict(ReadOnly):
 
     @property
     def place(self) -> tuple[float, float]:
-        """Piece and parameter of the place that was judged; infinite if it is free."""
+        """Piece and parameter of the place of the refusal; infinite if the motion is free."""
         if self.piece is None or self.parameter is None:
             return math.inf, math.inf
         return self.piece, self.parameter

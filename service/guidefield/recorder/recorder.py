@@ -264,7 +264,7 @@ def _plot_step_potential(steps: Sequence[tuple[int, Step]]) -> Iterator[Chunk]:
 
 
 def _palette(count: int) -> list[Color]:
-    """Return colours (RGBA) that can be told apart as thin lines on a dark ground."""
+    """Return colours (RGBA) that differ clearly as thin lines on a dark ground."""
     colors: list[Color] = []
     for number in range(count):
         hue, lightness = (0.56 + number / count) % 1.0, 0.66 if number % 2 else 0.60
@@ -334,12 +334,12 @@ def record_plan(place: RecordingPlace, run: PlanRun, log: EventLog) -> None:
 def record_judgement(
     place: RecordingPlace, run: JudgedRun, given: SubmittedMotion, planned: SubmittedMotion | None
 ) -> None:
-    """Write the recording of a motion that was judged, as `record_plan`; "full" adds the field to the summary.
+    """Write the recording of a submitted motion, as `record_plan`; "full" adds the field to the summary.
 
     The planned motion that it was to follow, if there is one, is drawn over it.
     """
     group, reply, measured = run.group, run.reply, run.measured
-    assert measured is not None, "a motion that is judged is measured"
+    assert measured is not None, "every submitted motion is measured"
     motion = ShownMotion(measured.times, measured.configurations, timed=given.times is not None)
     view, certificate = _MotionView.of(place, run, motion, np.empty((0, 3))), reply.certificate
     at_fault = frozenset(certificate.pair or ())

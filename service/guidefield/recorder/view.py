@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 FAINT_GHOSTS = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 18))  # ghosts where the robot itself is shown too
 LOG_COLUMNS = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
 SWITCHED_OFF = {path: rrb.EntityBehavior(visible=False) for path in ("/robot/collision", "/robot/spheres")}
-"""Entities that are hidden at first: the shapes that are judged, and their bounding spheres."""
+"""Entities that are hidden at first: the collision shapes, and their bounding spheres."""
 BACKGROUND = (13, 16, 17)  # colour around the picture of the field (RGB), as that of the viewer
 STEPS_SO_FAR = rrb.VisibleTimeRanges(
     timeline=STEP, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seq=0)

@@ -56,7 +56,7 @@ SAME_TIME = 1e-9
 More than rounding may not become one: clients would execute another motion than the judge has proven.
 """
 ROUNDED = 16  # steps of a double at the client's clock
-STANDING = 1e-6  # duration of standing that is judged, after a stop or all along [s]: more refuses more
+STANDING = 1e-6  # duration of standing that the judge checks, after a stop or all along [s]: more refuses more
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,9 +286,9 @@ class Judge:
         """Judge a commit among obstacles.
 
         Args:
-            most: Largest number of segments that are judged.
+            most: Largest number of segments to check.
             reserved: Whether obstacles have the margins of `SeenObstacles.reserved`.
-            since: Begin of the judged part [s]; None: its beginning.
+            since: Begin of the part to check [s]; None: its beginning.
         """
         stops = commit.stops - commit.begins
         coordinate = broken_limit(commit.phases, commit.counts, commit.start, self._limits, stops)
@@ -301,7 +301,7 @@ class Judge:
         verdict = np.zeros(VERDICT)
         verdict[[KINDS, MARGIN, ERROR, END]] = EVERY_KIND, self._keep, self._error + seen.error, np.inf
         verdict[RESOLUTION] = RESOLUTION_FLOOR * self._group.size
-        # most refusals are at the end, where obstacles may have come closest: that is examined, and told, first
+        # most refusals are at the end, where obstacles may have come closest: it is examined, and reported, first
         count = self._search(moving, stops, stops + STANDING, most, verdict)
         if verdict[REASON] == FREE and stops > begin:
             count = self._search(moving, begin, stops, most, verdict)

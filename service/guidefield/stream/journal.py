@@ -95,7 +95,7 @@ class Aimed(msgspec.Struct, frozen=True, tag="aimed"):
 
 
 class Halted(msgspec.Struct, frozen=True, tag="halted"):
-    """A stop was asked for."""
+    """A client requested a stop."""
 
 
 Entry = Begun | Updated | SoughtGoal | Aimed | Halted
@@ -164,7 +164,7 @@ class Journal(StreamWatcher):
         self._hand_over(Aimed(number))
 
     def halted(self) -> None:
-        """A stop was asked for."""
+        """Record a request to stop."""
         self._hand_over(Halted())
 
     def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:

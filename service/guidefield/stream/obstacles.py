@@ -274,7 +274,7 @@ class Obstacles:
         self._met_changed = False
 
     def _surfaces(self) -> Iterator[tuple[int, Obstacle, np.ndarray | None]]:
-        """The obstacles that are there and judged as surfaces, with their numbers; poses (3, 4) of those at rest."""
+        """Yield the present obstacles that count as surfaces, with their numbers; poses (3, 4) of those at rest."""
         for index, one in enumerate(self.scene.obstacles):
             if not one.convex and one.cloud is None:
                 yield index, one, np.array(one.placement.homogeneous[:3])

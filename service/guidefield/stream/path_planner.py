@@ -370,6 +370,6 @@ class AtRecordedTimes:
     def __init__(self, times: Collection[float]) -> None:
         self._times = frozenset(times)
 
-    def takes(self, ordered: PathOrder, now: float) -> bool:  # noqa: ARG002 - what was found isn't asked
+    def takes(self, ordered: PathOrder, now: float) -> bool:  # noqa: ARG002 - the result doesn't matter
         """Return whether one was taken over then."""
         return now in self._times

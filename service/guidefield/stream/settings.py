@@ -88,14 +88,14 @@ class StreamSettings:
     # where the judge keeps as much and paths kept less
     leaving: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008, 0.016)
     resolution: float = 10.0  # samples of paths per length in local coordinates [1/rad or 1/m]
-    motions: int = 4000  # motions that are judged for a tree at most
+    motions: int = 4000  # motions that a tree checks at most
     cuts: int = 150  # shortcuts that are tried: with 60 paths have more corners, at which the robot is slow
     refused: int = 2  # updates without a piece after which another path is planned
     near: float = 0.12  # distance below which a robot without a piece flees from predicted obstacles [m]
     foreseen: float = 0.4  # time for which they are predicted [s]
     threat: float = 0.04  # distance from the end of a piece, and of its path, below which it flees instead [m] ..
     threatened: float = 0.6  # .. if the piece has at most this share of the speeds: fleeing costs time
-    flights: int = 6  # directions of flight that are drawn, and commits that are judged for one at most
+    flights: int = 6  # directions of flight to draw, and commits to check for one, at most
     flight_speeds: tuple[float, ...] = (1.0, 0.4)  # shares of the velocity limits of a flight
     goals: int = 8  # configurations that are searched for where the goal is a pose
 

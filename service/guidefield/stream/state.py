@@ -31,7 +31,7 @@ class Phase(enum.Enum):
     STANDING = "standing"  # without a goal
     FOLLOWING = "following"  # on a path to the goal
     PLANNING = "planning"  # the same, while another path is planned beside the cycle
-    HALTED = "halted"  # told to stop
+    HALTED = "halted"  # after a request to stop
     CLOSED = "closed"
 
 
@@ -248,7 +248,7 @@ class StreamWatcher:
         """The goal is another one: that of the n-th search; None: to stand."""
 
     def halted(self) -> None:
-        """A stop was asked for."""
+        """Record a request to stop."""
 
     def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
         """A snapshot can be taken; a path that is being planned is given up then, and planned again."""

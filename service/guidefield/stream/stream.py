@@ -162,7 +162,7 @@ class CertifiedStream:
         return self._state.goal
 
     def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
-        """Change the goal; null: to stand. Going on after a stop is asked for in the same way.
+        """Change the goal; null: to stand. A goal after a stop lets the robot go on.
 
         Returns:
             The goal's number, which its pieces have.

@@ -45,7 +45,7 @@ MOST_JUDGED_CELLS = 2000  # cells of a grid that are tested to remove a pair of 
 NO_DRIFT = DriftingBoxes(0, *(np.empty(0, np.float32) for _ in range(5)))
 read_only(*NO_DRIFT[1:])
 _NO_DRIFT = pack(NO_DRIFT)
-TRIES = 60  # shortcuts that `BatchCollision.shorten` tries unless told otherwise: shorter paths for more time
+TRIES = 60  # shortcuts that `BatchCollision.shorten` tries by default: shorter paths for more time
 
 
 def prepare_robot(world: World) -> None:

@@ -44,7 +44,7 @@ class Grids(NamedTuple):
     """The arrays of kernels/collide/layout.py's `BatchBodies` of the same names, with nothing known of any cell.
 
     `cells` has a header of `CHILDREN`, whose first number says where the array is free; then each grid's undivided
-    cells and the blocks of these that are judged together; then room for `MOST_CHILDREN`. `apart` has a bit for each
+    cells and the blocks of these that are tested together; then room for `MOST_CHILDREN`. `apart` has a bit for each
     number before that room.
     """
 

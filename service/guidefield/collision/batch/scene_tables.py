@@ -360,7 +360,7 @@ def _tables_of(obstacle: Obstacle) -> _Tables:
 @memoized
 def balls_of_cloud(obstacle: Obstacle) -> Parts:
     """Return the balls of a cloud as parts, in the world: the first node is about all of them."""
-    assert obstacle.cloud is not None, "only clouds are asked for"
+    assert obstacle.cloud is not None, "only clouds have grids"
     return cloud_parts(obstacle, obstacle.cloud)
 
 

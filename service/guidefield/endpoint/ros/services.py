@@ -138,7 +138,7 @@ _R = TypeVar("_R", bound=Reply)
 
 
 def scene_response(now: Snapshot, components: int) -> dict[str, Any]:
-    """Return the response of `get_planning_scene` with the components that are asked for."""
+    """Return the response of `get_planning_scene` with the requested components."""
     wanted = components or ~0
     scene: dict[str, Any] = {}
     if wanted & SETTINGS:
@@ -262,7 +262,7 @@ class Services:
             contacts=True,
         )
         reply = self._engine("kinematics", request, ClearanceReply, received)
-        assert reply.contacts is not None, "they were asked for"
+        assert reply.contacts is not None, "the request wants them"
         (pairs,) = reply.contacts
         return ServiceAnswer({"valid": not pairs, "contacts": [_contact(state, pair) for pair in pairs]})
 

@@ -191,7 +191,7 @@ class ControllerClient:
                 self._watch(watch, say)
             except KeyboardInterrupt:
                 say(self._cancel(goal_id))
-                self._ask_result(goal_id, duration)  # it may not have been asked for yet
+                self._ask_result(goal_id, duration)  # no query for it may be under way yet
                 self._watch(watch, say)
             except BaseException:  # nobody would watch what goes on moving
                 if is_accepted:

@@ -8,7 +8,7 @@ A plane that `explain_unreachable` names is refused without a search, so its bou
 never too small. With fewer `DIVISIONS` the path to a blocked plane is searched for in vain. The insets are a choice:
 farther from a polygon's edges, or through more of it; a plane counts as blocked if its part within `INSET` is.
 
-Each step is judged free when it is taken (`GuidedPath.free`, or the same capsules in kernels), so the other constants
+Each step is checked when it is taken (`GuidedPath.free`, or the same capsules in kernels), so the other constants
 change success, clearance and time of the motions, not what is free. Keys of `ATTEMPTS` are names of the wire; that
 document repeats `FIRST_STEP`, `CREEPING_ROUNDS` and `INSET`.
 """
@@ -365,7 +365,7 @@ def _give_up(status: Status, message: str, guided: GuidedPath, aim: Aim, index: 
 
 
 def margin_at(problem: Problem, q: Configuration) -> float:
-    """Distance that steps keep from obstacles [m]: what is asked for, a little more where the start allows it.
+    """Return the distance that steps keep from obstacles [m]: the required one, a little more if the start allows it.
 
     Args:
         q: Where the robot starts, shape (nq,).

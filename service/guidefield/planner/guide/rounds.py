@@ -1,7 +1,7 @@
 """Rounds of advance, slide and reorient towards a guide plane (service/docs/algorithm.md, "Crossing a guide plane").
 
 `Projected`, the `Minimizer` for any joints, descends on the manifold of configurations on a plane. A round is made step
-by step, or several of them in one kernel if nothing has to be judged outside it: if `Projected` slides and reorients at
+by step, or several of them in one kernel if nothing is to be checked outside it: if `Projected` slides and reorients at
 once (`Blocks.ONE`), and all shapes of the robot are capsules (`SweptWorld.exact`). Both ways have to do the same. The
 kernels (kernels/guide/plane_rounds.py and descent.py) get the constants from here.
 
@@ -321,7 +321,7 @@ class Made:
 
 
 def rounds(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Iterator[Made]:
-    """One round towards a guide plane, or some; the guided path takes the steps of each as it is asked for."""
+    """Yield rounds towards a guide plane, one or several at once; the guided path takes the steps of each lazily."""
     minimizer = attempt.minimizer
     in_one_kernel = isinstance(minimizer, Projected) and minimizer.blocks is Blocks.ONE
     if in_one_kernel and swept_world(guided.problem.world).exact:

@@ -1,4 +1,4 @@
-"""A given or drawn motion as the curve that is judged: Hermite or quintic knots, samples, waypoints, or steps.
+"""A given or drawn motion as the curve to certify: Hermite or quintic knots, samples, waypoints, or steps.
 
 Knots with velocities are the cubic Hermite curve through them. Through samples in time goes the cubic spline whose
 accelerations are continuous: a robot can't follow a step of velocity, and where the samples are of a smooth motion the
@@ -29,7 +29,7 @@ SHORTEST = 1e-3  # least time of a straight piece of a path without times, where
 
 
 class CurveKind(enum.Enum):
-    """The kind of curve that is judged; the values are the words of replies."""
+    """The kind of curve to certify; the values are the words of replies."""
 
     HERMITE = "hermite"
     SPLINE = "spline"
@@ -183,7 +183,7 @@ class SubmittedMotion(ReadOnly):
 
     @cached_property
     def pieces(self) -> LocalCurves:
-        """Bezier control points, shape (m, k, nv), m = max(n - 1, 1): what is judged [rad or m].
+        """Bezier control points, shape (m, k, nv), m = max(n - 1, 1): the curve to certify [rad or m].
 
         Steps stand in the middle of the box that they are in.
         """

@@ -79,7 +79,7 @@ class TouchedPoint(ReadOnly):
 
 
 def touched_points(problem: Problem, verdict: Verdict) -> list[TouchedPoint]:
-    """Find the closest points of the pair that a verdict refused, where it was judged, among obstacles at rest."""
+    """Find the closest points of the pair that a verdict refused, at its place, among obstacles at rest."""
     if verdict.pair is None or verdict.local_point is None or problem.scene.moves:
         return []
     world = problem.world
@@ -277,7 +277,7 @@ def clearance_samples(
     """Samples evenly in time, each of which counts by the joint distance, over sizes (nv,), that it represents.
 
     Where obstacles move it counts by half of that, and half of its share of time: they come to a robot that stands,
-    too. `kept` is what start and end keep from obstacles, the clearance what is asked for [m].
+    too. `kept` is what start and end keep from obstacles, `clearance` the required distance [m].
     """
     bounds, middles, pieces, of_pieces, shares = place_samples(spline.pieces, samples)
     counts = _counts(spline.at(bounds) / sizes, kept, clearance, settings, in_time=in_time)
@@ -437,7 +437,7 @@ def is_better(problem: Problem, motion: Trajectory, other: Trajectory, settings:
 def keeps_distance(problem: Problem, motion: Trajectory, distance: float) -> bool:
     """Return whether the robot's points keep a distance [m] from all that moves, at samples of a motion.
 
-    Where they don't no certificate says that the robot keeps it; where they do it has to be asked.
+    If they don't, no certificate can say that the robot keeps it; if they do, only a certificate can.
     """
     tables, moving = distance_tables(problem.scene), moving_tables(problem.scene)
     robot = sampled_robot(problem, tables, motion.positions[:0])

@@ -424,7 +424,7 @@ class PenalizedObjective(ReadOnly):
 
         Returns the evaluation and the objective.
 
-        Where the clearance proves to be another than the last evaluation had told, a motion closer to that one is
+        If the clearance differs from the prediction of the last evaluation, a motion closer to that one is
         tried. The next evaluation's model is stiffer then, and softer where the first motion is better.
         """
         settings, tried = self.question.settings, cast(BSpline | None, spline)

@@ -231,7 +231,7 @@ def optimize(
 
     Args:
         motion: With the problem's velocities at its ends, not a single point, within position limits.
-        others: Others from the same start, made when they are asked for. They are optimised coarsely, one after the
+        others: Others from the same start, made lazily. They are optimised coarsely, one after the
             other, while the best is far from the least time; the best goes on.
         passages: What the motion passes at times that are free, in this order; all motions given go through their
             waypoints. None where it begins or ends in motion.

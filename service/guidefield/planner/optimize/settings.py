@@ -5,7 +5,7 @@ Lengths are those at size 1, see `sized`; a coordinate in metres counts by the r
 "Problems" are 35 of the public ones of a Panda as pose goals, at 15 rad/s² and 500 rad/s³. Where it says *unrecorded*
 nobody wrote down how a number was chosen; a prototype's were chosen on 70 of the same sets, some of which are measured
 now. Other constants stand beside their use; service/docs/algorithm.md repeats some, docs/steps.md `MANY`. All change
-motions, the time to find them and how often they are refused: whether they are free is judged afterwards
+motions, the time to find them and how often they are refused: whether they are free is certified afterwards
 (`planner/optimized_motion.py`), limits of rates are kept anyway. `piece` stays above 0.
 """
 
@@ -30,7 +30,7 @@ class OptimizationSettings:
     weight: float = 0.1
     range: float = 0.08  # of the barrier, and `distance` of slices.py [m]. With 120 mm motions get 10 % slower
     end_weight: float = 0.0  # weight on top of the full one at an end, against the tighter range
-    # what is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m]. With 2 mm
+    # what is nearer to obstacles than this beyond the required clearance costs more, far from the ends [m]. With 2 mm
     # instead two of 70 motions came nearer than 20 mm
     floor: float = 0.045
     # with much room at both ends it is `clearance_samples.FLOOR_SHARE` of that, at most this [m]

@@ -219,7 +219,7 @@ def _place(line: CartesianLine, share: float) -> str:
     return f"{format_rounded_down(share * length, 0.1)} mm along the straight way of {length:.1f} mm ({percent})"
 
 
-PIECES_AT_ONCE = 64  # pieces of a motion that are judged together
+PIECES_AT_ONCE = 64  # pieces of a motion that are checked together
 
 
 class Deviation(NamedTuple):

@@ -61,7 +61,7 @@ LEAST_PIECES = 16  # for each step
 MOST_PIECES = 160  # for all steps
 INSIDE = 0.95  # share of a radius up to which the tip is at a goal
 TIME_SHARE = 0.5  # share of the remaining time that may be taken: later steps need some, too
-# motions that are judged at most; after the first with more weight on the clearance and twice the pieces
+# motions to certify at most; after the first with more weight on the clearance and twice the pieces
 OPTIMIZED_TRIES = 2
 EDGE_HALVINGS = 20  # of a piece of a motion, until the edge of a goal's radius is found
 
@@ -302,7 +302,7 @@ def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right:
 
 
 SPACING = 0.03  # between places of the path that is timed, at most [rad or m]
-TRIES = 10  # motions that are judged at most
+TRIES = 10  # motions to certify at most
 TIGHTER = 0.5  # the corners next to what is refused are this much smaller the next time
 # places, and the pieces of a motion with limits of jerk, are this many times as dense the next time where a line, or a
 # goal, isn't kept to

@@ -154,7 +154,7 @@ def cut_trajectory(trajectory: Trajectory, begin: float, end: float) -> Trajecto
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SequenceSegment(Conditions):
-    """A part of a sequence's trajectory, and what it is judged by."""
+    """A part of a sequence's trajectory, with the conditions that it has to meet."""
 
     index: int
     motion: Trajectory
@@ -231,7 +231,7 @@ def choose_segment_rows(
         return verdicts[-1], stretched
 
     chosen = choose_rows(trajectory, execution, deadline, judge_motion)
-    if not chosen.is_kept:  # the motion itself was judged after it
+    if not chosen.is_kept:  # the last verdict is that of the motion itself
         judge_motion(chosen.drawn.motion)
     return chosen.drawn, parts, verdicts
 

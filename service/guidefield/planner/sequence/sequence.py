@@ -66,7 +66,7 @@ class StepResult(ReadOnly, Generic[S]):
     index: int
     at: S
     span: tuple[float, float]  # when it begins and ends, its pause included [s]
-    conditions: Conditions  # what the motion of all joints is judged by, where nothing may touch
+    conditions: Conditions  # those of the motion of all joints, where nothing may touch
     # what the planner found, local coordinates of all joints, shape (n, nv); the start alone where nothing moves
     path: LocalPoints
     line: CartesianLine | None = None
@@ -98,7 +98,7 @@ class SequencePlan(ReadOnly, Generic[S]):
     # what the robot would execute; None where a step failed before it was certified
     trajectory: Trajectory | None = None
     segments: tuple[SequenceSegment, ...] = ()
-    drawn: DrawnMotion | None = None  # what a controller is sent of it; None where that isn't asked for
+    drawn: DrawnMotion | None = None  # what a controller is sent of it; None without an execution
     permissions: tuple[AllowedContact, ...] = ()
     stages: tuple[StageLeft, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class SequencePlan(ReadOnly, Generic[S]):
 
     @property
     def free(self) -> bool:
-        """True if all that was judged is certified."""
+        """True if every verdict is free."""
         return all(verdict.free for verdict in self.verdicts)
 
 

@@ -3,7 +3,7 @@
 They are those of rigid bodies, of the group's joints, with what the robot holds, under the earth's gravity; without
 friction and the inertia of rotors. The torque that a mimic joint takes is its source joint's.
 
-Limits are judged by the bounds of `measure_efforts`. `BOUND_ACCURACY` is that of shares in replies and docs, and
+Limits are checked by the bounds of `measure_efforts`. `BOUND_ACCURACY` is that of shares in replies and docs, and
 refuses nothing; a larger `CLOSE_ACCURACY` refuses more that is just within, a smaller one no less without a smaller
 `EXCESS` of kernels/timing/torques.py. Samples and margins choose how much a motion is slowed down before; where gravity
 leaves less than `SAMPLE_MARGIN` of a limit it isn't, and may be refused.

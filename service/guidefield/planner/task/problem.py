@@ -111,7 +111,7 @@ DRAWN = 0.99  # share of a limit of the whole that a motion uses if the controll
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Conditions(ReadOnly):
-    """The conditions that a motion is judged by."""
+    """The conditions that a motion has to meet."""
 
     group: PlanningGroup
     scene: Scene
@@ -122,7 +122,7 @@ class Conditions(ReadOnly):
     # of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter
     jerk_limits: LocalRate | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
-    execution: ControllerModel | None = None  # what a controller draws is judged instead of a plan; None: that itself
+    execution: ControllerModel | None = None  # its drawn motion is certified instead of the plan; None: the plan itself
     cartesian_limits: tuple[CartesianLimit, ...] = ()
     effort_limit: EffortLimit | None = None
     deadline: Deadline = UNLIMITED
@@ -215,7 +215,7 @@ class Problem(Conditions):
     end_velocity: LocalRate | None = None  # with which it ends, shape (nv,); None: at rest
     objective: Objective = Objective.BALANCED
     seed: int = 0
-    began: float = 0.0  # when its time 0 is, in the time of what was asked for [s]
+    began: float = 0.0  # when its time 0 is, in the time of the request [s]
 
     @cached_property
     def z_start(self) -> LocalPoint:

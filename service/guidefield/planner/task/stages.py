@@ -29,7 +29,7 @@ class Ending:
 
 
 SLACK = 1e-3
-"""A refused motion whose distance is below the clearance asked for plus this counts as too close [m].
+"""A refused motion whose distance is below the required clearance plus this counts as too close [m].
 
 It chooses the status of a refusal, CLEARANCE_BELOW_MINIMUM, with its sentence and details, and nothing else.
 """
