@@ -36,7 +36,7 @@ _R = TypeVar("_R")
 _T = TypeVar("_T")
 
 
-def _awaited(
+def _make_async(
     like: Callable[..., object], ask: Callable[_P, Question[_R]], part: Callable[[_R], _T]
 ) -> Callable[Concatenate[AsyncClient, _P], Coroutine[Any, Any, _T]]:
     async def method(self: AsyncClient, /, *given: _P.args, **named: _P.kwargs) -> _T:
@@ -191,27 +191,27 @@ class AsyncClient:
         assert joined is not None, "there is at least one page"
         return joined
 
-    cancel = _awaited(Client.cancel, questions.cancel, lambda reply: reply.done)
-    cancel_request = _awaited(Client.cancel_request, questions.cancel_request, lambda reply: reply.done)
-    streams = _awaited(Client.streams, questions.streams, lambda reply: reply.streams)
-    stream_recording = _awaited(Client.stream_recording, questions.stream_recording, _whole)
-    robots = _awaited(Client.robots, questions.robots, _whole)
-    robot = _awaited(Client.robot, questions.robot, _whole)
-    store_robot = _awaited(Client.store_robot, questions.store_robot, lambda reply: reply.warnings)
-    delete_robot = _awaited(Client.delete_robot, questions.delete_robot, lambda _: None)
-    scenes = _awaited(Client.scenes, questions.scenes, lambda reply: reply.scenes)
-    scene = _awaited(Client.scene, questions.scene, lambda reply: reply.scene)
-    scene_version = _awaited(Client.scene_version, questions.scene, lambda reply: reply.version)
-    store_scene = _awaited(Client.store_scene, questions.store_scene, lambda reply: reply.warnings)
-    change_scene = _awaited(Client.change_scene, questions.change_scene, questions.changed_version)
-    delete_scene = _awaited(Client.delete_scene, questions.delete_scene, lambda _: None)
-    run = _awaited(Client.run, questions.run, _whole)
-    delete_run = _awaited(Client.delete_run, questions.delete_run, lambda _: None)
-    recording = _awaited(Client.recording, questions.recording, _whole)
-    proof = _awaited(Client.proof, questions.proof, _whole)
-    share = _awaited(Client.share, questions.share, lambda reply: reply.done)
-    unshare = _awaited(Client.unshare, questions.unshare, lambda _: None)
-    info = _awaited(Client.info, questions.info, _whole)
+    cancel = _make_async(Client.cancel, questions.cancel, lambda reply: reply.done)
+    cancel_request = _make_async(Client.cancel_request, questions.cancel_request, lambda reply: reply.done)
+    streams = _make_async(Client.streams, questions.streams, lambda reply: reply.streams)
+    stream_recording = _make_async(Client.stream_recording, questions.stream_recording, _whole)
+    robots = _make_async(Client.robots, questions.robots, _whole)
+    robot = _make_async(Client.robot, questions.robot, _whole)
+    store_robot = _make_async(Client.store_robot, questions.store_robot, lambda reply: reply.warnings)
+    delete_robot = _make_async(Client.delete_robot, questions.delete_robot, lambda _: None)
+    scenes = _make_async(Client.scenes, questions.scenes, lambda reply: reply.scenes)
+    scene = _make_async(Client.scene, questions.scene, lambda reply: reply.scene)
+    scene_version = _make_async(Client.scene_version, questions.scene, lambda reply: reply.version)
+    store_scene = _make_async(Client.store_scene, questions.store_scene, lambda reply: reply.warnings)
+    change_scene = _make_async(Client.change_scene, questions.change_scene, questions.changed_version)
+    delete_scene = _make_async(Client.delete_scene, questions.delete_scene, lambda _: None)
+    run = _make_async(Client.run, questions.run, _whole)
+    delete_run = _make_async(Client.delete_run, questions.delete_run, lambda _: None)
+    recording = _make_async(Client.recording, questions.recording, _whole)
+    proof = _make_async(Client.proof, questions.proof, _whole)
+    share = _make_async(Client.share, questions.share, lambda reply: reply.done)
+    unshare = _make_async(Client.unshare, questions.unshare, lambda _: None)
+    info = _make_async(Client.info, questions.info, _whole)
 
 
 def _call_in_loop(hear: Callable[[_T], None]) -> Callable[[_T], None]:

@@ -55,22 +55,22 @@ class Allowances:
                 if flow is not None:
                     self._payloads.keep(user, room - size, flow, BURST_BYTES, now)
         if rate is not None and left < 1.0:
-            raise _exceeded(f"{rate:g} queries a second", (1.0 - left) / rate, per_second=rate)
+            raise _make_refusal(f"{rate:g} queries a second", (1.0 - left) / rate, per_second=rate)
         if flow is not None and room <= 0.0:
             what = f"{flow / 2**20:g} MiB of payload a second"
-            raise _exceeded(what, (1.0 - room) / flow, payload_per_second=flow)
+            raise _make_refusal(what, (1.0 - room) / flow, payload_per_second=flow)
 
     def work(self, user: str) -> None:
         """Raise QuotaExceeded if too many requests of a user wait for workers, or it used their processors too much."""
         quota = self._quotas.of(user)
         if quota.waiting is not None and self._waiting.of_user(user) >= quota.waiting:
             again = self._waiting.retry_after(user)
-            raise _exceeded(f"{quota.waiting} requests that wait", again, waiting=quota.waiting)
+            raise _make_refusal(f"{quota.waiting} requests that wait", again, waiting=quota.waiting)
         if (most := quota.processor_per_minute) is not None:
             over = self._waiting.used(user) * MINUTE_S / (STEADY_USE_S * most)
             if over > 1.0:
                 what = f"{most:g} s of a processor in a minute"
-                raise _exceeded(what, HALF_LIFE_S * math.log2(over), processor_per_minute=most)
+                raise _make_refusal(what, HALF_LIFE_S * math.log2(over), processor_per_minute=most)
 
 
 class _TokenBuckets:
@@ -94,6 +94,6 @@ class _TokenBuckets:
             self._kept = {name: kept for name, kept in self._kept.items() if kept[2] > now}
 
 
-def _exceeded(what: str, again: float, **quota: float) -> QuotaExceeded:
+def _make_refusal(what: str, again: float, **quota: float) -> QuotaExceeded:
     retry_after = round(max(again, MIN_RETRY_S), 3)
     return QuotaExceeded(f"this user may have {what}; ask again in {retry_after:g} s", **quota, retry_after=retry_after)

@@ -200,7 +200,7 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
     Raises CannotStart if the file can't be read, or something in it or in the endpoints is wrong.
     """
     file, listen = "" if settings.config is None else f" {str(settings.config)!r}", settings.listen
-    with _needed(f"the Zenoh configuration{file} is wrong", zenoh.ZError):
+    with _refuse_start(f"the Zenoh configuration{file} is wrong", zenoh.ZError):
         config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
         if listen is not None:
             try:
@@ -218,7 +218,7 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
 
 
 @contextlib.contextmanager
-def _needed(failure: str, *errors: type[Exception]) -> Iterator[None]:
+def _refuse_start(failure: str, *errors: type[Exception]) -> Iterator[None]:
     try:
         yield
     except errors as error:
@@ -302,7 +302,7 @@ def _ros_node(
         from guidefield.endpoint.ros.node import ros_node, session_for
     except ImportError:
         raise CannotStart("ROS needs rosbags: pip install 'guidefield[ros]'") from None
-    with _needed("the service can't be offered to ROS", GuidefieldError, zenoh.ZError):
+    with _refuse_start("the service can't be offered to ROS", GuidefieldError, zenoh.ZError):
         session = opened.enter_context(session_for(settings, own))
         node = ros_node(settings, session, engines.of(ROS_USER).robot(settings.robot), endpoint.ask)
     opened.callback(node.finish)

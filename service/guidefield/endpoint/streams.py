@@ -93,7 +93,7 @@ class OpenStream:
         self._end: GuidefieldError | None = None
         self._gone = False
         self._lock = threading.Lock()
-        self._companion = Companion(conversation, memory, self._hear, self._over, self._ended)
+        self._companion = Companion(conversation, memory, self._hear, self._over, self._finish)
 
     def start(self) -> None:
         """Have it opened; the future `opened` says when it is."""
@@ -206,7 +206,7 @@ class OpenStream:
                 return TimedOut(f"no update came for {SILENCE:g} s", seconds=SILENCE)
         return None
 
-    def _ended(self, error: GuidefieldError) -> None:
+    def _finish(self, error: GuidefieldError) -> None:
         with self._lock:
             error = self._end or error
             self._gone = True
@@ -262,7 +262,7 @@ class Streams:
         if isinstance(query, stream_requests.ListStreams):
             return _answer_now(self._list(read.owner), read.encoding)
         require_own(read)
-        stream = self._named(read.owner, query.name)
+        stream = self._find_stream(read.owner, query.name)
         if isinstance(query, stream_requests.ReadStream):
             return _answer_now(stream.read(), read.encoding)
         if isinstance(query, stream_requests.EndStream):
@@ -283,7 +283,7 @@ class Streams:
         self._counters["updates"] += 1
         try:
             user, chunks = split_user(key.split("/")[2:])
-            stream = self._named(user, chunks[1])
+            stream = self._find_stream(user, chunks[1])
         except (GuidefieldError, IndexError):  # no client hears of it
             self._counters["updates_astray"] += 1
             return
@@ -366,7 +366,7 @@ class Streams:
         with self._lock:
             self._open.pop(stream.name, None)
 
-    def _named(self, user: str, name: str) -> OpenStream:
+    def _find_stream(self, user: str, name: str) -> OpenStream:
         with self._lock:
             stream = self._open.get((user, name))
         if stream is None:

@@ -82,7 +82,7 @@ def certify_problem(
     group, warnings = _planning_group(request, columns, rows, robot)
     _require_in_group(columns, group)
     given, odd = _build_motion(request, request.trajectory, "trajectory", columns, rows, group)
-    planned = given if request.planned is None else _planned(request, request.planned, given, columns, group)
+    planned = given if request.planned is None else _planned_motion(request, request.planned, given, columns, group)
     if bounds_efforts(request) and (given.times is None or (given.velocities is None and not given.is_point)):
         raise MalformedRequest(
             "limits of effort need accelerations, and straight pieces have none: give a `trajectory` with `velocities`,"
@@ -218,7 +218,7 @@ def _build_motion(
     return SubmittedMotion(CurveKind.SPLINE, points, end, times, spline_rates(times, points)), warnings
 
 
-def _planned(
+def _planned_motion(
     request: CertifyRequest, planned: GivenTrajectory, given: SubmittedMotion, columns: Columns, group: PlanningGroup
 ) -> SubmittedMotion:
     """Return the motion that was to be executed, by whole turns next to the one that is certified.

@@ -265,7 +265,7 @@ def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotCo
     Raises InvalidConfiguration if a joint is unknown or a mimic joint, or a value doesn't fit it.
     """
     if isinstance(given, ConfigurationTable):
-        rows = rows_in(given.rows) if given.rows else _unpacked(given)
+        rows = rows_in(given.rows) if given.rows else _unpack_rows(given)
         columns = Columns.named("configurations.names", given.names, robot, POSITION_SUFFIXES)
         return _of_rows(robot, columns.of, rows, "configurations.rows")
     if (values := _scalar_rows(given)) is not None:
@@ -333,7 +333,7 @@ def rates_from(group: PlanningGroup, given: JointRates, field: str) -> np.ndarra
     robot = group.robot
     if isinstance(given, ConfigurationTable):
         columns = Columns.named(f"{field}.names", given.names, robot, VELOCITY_SUFFIXES)
-        rows = rows_in(given.rows) if given.rows else _unpacked(given)
+        rows = rows_in(given.rows) if given.rows else _unpack_rows(given)
         rates = np.zeros((len(rows), group.nv))
         for name, at in columns.of.items():
             rates[:, _tangent(group, name)] = rows[:, list(at)]
@@ -360,7 +360,7 @@ def _tangent(group: PlanningGroup, name: str) -> slice:
     return slice(joint.idx_v, joint.idx_v + joint.nv)
 
 
-def _unpacked(table: ConfigurationTable) -> np.ndarray:
+def _unpack_rows(table: ConfigurationTable) -> np.ndarray:
     return np.frombuffer(table.float64 or b"", "<f8").astype(float).reshape(-1, len(table.names))
 
 

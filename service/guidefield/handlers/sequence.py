@@ -337,7 +337,9 @@ def reply_to(
         guide_planes=[plane for plane, _ in groupby(wire_planes(planes))],  # each once
         stages=[replies.Stage(name=one.name, outcome=one.outcome, seconds=one.seconds) for one in made.stages],
         clearance=_least_clearance([_figures(segment, one, made) for segment, one in measured], measured),
-        self_clearance=_least_self([self_figures(one, _certified(segment, made, 0.0)) for segment, one in measured]),
+        self_clearance=_least_self(
+            [self_figures(one, _certified_clearance(segment, made, 0.0)) for segment, one in measured]
+        ),
         certificate=replies.CertificateFigures(
             collision_free=made.free,
             method=CERTIFICATE,
@@ -376,7 +378,9 @@ def _step(
         attached=steps.attached(leg.index),
         detached=steps.detached(leg.index),
         clearance=_least_clearance([_figures(segment, one, made) for segment, one in own], own),
-        self_clearance=_least_self([self_figures(one, _certified(segment, made, 0.0)) for segment, one in own]),
+        self_clearance=_least_self(
+            [self_figures(one, _certified_clearance(segment, made, 0.0)) for segment, one in own]
+        ),
         certificate=replies.CertificateFigures(
             collision_free=bool(verdicts) and len(verdicts) == count and all(verdict.free for verdict in verdicts),
             method=CERTIFICATE,
@@ -394,14 +398,14 @@ def _step(
     )
 
 
-def _certified(segment: SequenceSegment, made: SequencePlan[StepSituation], kept: float) -> float:
+def _certified_clearance(segment: SequenceSegment, made: SequencePlan[StepSituation], kept: float) -> float:
     """Return the certified clearance on a segment [m]; minus infinity if it isn't certified."""
     verdicts = [verdict for one, verdict in zip(made.segments, made.verdicts, strict=False) if one is segment]
     return kept if verdicts and all(verdict.free for verdict in verdicts) else -np.inf
 
 
 def _figures(segment: SequenceSegment, one: Clearance, made: SequencePlan[StepSituation]) -> replies.ClearanceFigures:
-    return clearance_figures(one, _certified(segment, made, segment.min_clearance))
+    return clearance_figures(one, _certified_clearance(segment, made, segment.min_clearance))
 
 
 def _least_clearance(

@@ -100,7 +100,7 @@ class Steps:
                 )
         problem = dataclasses.replace(problem, counters=self.counters, began=begin)
         line = _line(step, request, problem) if step.linear else None
-        return StepMotion(problem, self._planned(request, line), line)
+        return StepMotion(problem, self._make_planner(request, line), line)
 
     def after(self, index: int, at: StepSituation, q: RobotConfiguration, time: float) -> StepSituation:
         """As in `StepSequence`."""
@@ -192,7 +192,7 @@ class Steps:
         with _in_step(index):
             part = select(robot, self._joints(step), self._tip(step), at.q, at.root)
         moving = {*(joint.name for joint in part.joints), *mimic_laws(part)}
-        permitted = [(one.name, other) for one in at.objects for other in self._touched(index, one, at)]
+        permitted = [(one.name, other) for one in at.objects for other in self._touchable_obstacles(index, one, at)]
         return msgspec.structs.replace(
             request,
             goal=_goal(step, at, self._tip(step)),
@@ -218,7 +218,7 @@ class Steps:
             or request.max_acceleration_scaling_factor,
         )
 
-    def _touched(self, index: int, one: HeldObject, at: StepSituation) -> frozenset[str]:
+    def _touchable_obstacles(self, index: int, one: HeldObject, at: StepSituation) -> frozenset[str]:
         """Obstacles that a held object may touch while a step is planned: what it still stands on or is put down on.
 
         The certificate of the whole knows better when it may.
@@ -241,8 +241,8 @@ class Steps:
         moving = {*(joint.name for joint in part.joints), *mimic_laws(part)}
         return bool(supports & moving)
 
-    def _planned(self, request: PlanRequest, line: CartesianLine | None) -> Callable[[Problem], Plan]:
-        def planned(problem: Problem) -> Plan:
+    def _make_planner(self, request: PlanRequest, line: CartesianLine | None) -> Callable[[Problem], Plan]:
+        def plan_step(problem: Problem) -> Plan:
             began = working_time()
             if (refusal := refuse_ends(problem)) is not None:
                 return refusal
@@ -256,7 +256,7 @@ class Steps:
                 made = derivation.add_to(plan(derived, Planner(request.planner), attempts))
             return dataclasses.replace(made, seconds={**made.seconds, "load": loaded})
 
-        return planned
+        return plan_step
 
     def _require_passable(self) -> None:
         """Refuse goals that can't be passed without a stop: the planner rounds motions of the same joints only."""

@@ -214,7 +214,7 @@ def shorten_path(
     goals: LocalPoints,
     rounds: ShorteningRounds,
     rng: np.random.Generator,
-    accepted: Callable[[LocalPoints], bool],
+    accepts: Callable[[LocalPoints], bool],
 ) -> ShortenedPath:
     """Look for shorter paths from where a path (n, nv) begins to one of several free goals (m, nv)."""
     units = problem.group.units
@@ -231,7 +231,7 @@ def shorten_path(
         _count(problem, found)
         if found.path is not None:
             candidate = batch.shorten(found.path, rounds.resolution, clearance + rounds.margin)
-            if length_of(candidate, units) < bound and accepted(candidate):
+            if length_of(candidate, units) < bound and accepts(candidate):
                 path = candidate
         done += 1
     share = 1.0 - length_of(path, units) / before
@@ -276,7 +276,7 @@ def connect(
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
     resolution, refused = RESOLUTION, 0
 
-    def accepted(path: LocalPoints) -> bool:
+    def accepts(path: LocalPoints) -> bool:
         return not prove or _certify_path(problem, path)
 
     for _ in range(ATTEMPTS):
@@ -286,13 +286,13 @@ def connect(
         if found.path is None:
             break
         path = batch.shorten(found.path, resolution, clearance + margin)
-        if accepted(path):
+        if accepts(path):
             message = f"found by a tree in {found.iterations} iterations"
             number = problem.optimization_iterations
             if number is None and score_path(problem, path) > DETOUR * score_path(problem, path[[0, -1]]):
                 number = DETOUR_ROUNDS
             if number:
-                better = shorten_path(problem, path, roots, ShorteningRounds(number, resolution, margin), rng, accepted)
+                better = shorten_path(problem, path, roots, ShorteningRounds(number, resolution, margin), rng, accepts)
                 path, message = better.path, f"{message}, {better.message}"
             return _succeed(problem, message, path, prove)
         resolution, refused = resolution * FINER, refused + 1
@@ -304,11 +304,11 @@ def _connect_to_quickest(
 ) -> Connection | None:
     """To the goal (m, nv) that is estimated to be reached soonest; None where none is, or the certificate refuses."""
 
-    def accepted(path: LocalPoints) -> bool:
+    def accepts(path: LocalPoints) -> bool:
         return not prove or _certify_path(problem, path)
 
     quickest = find_quickest_path(problem, z_start, goals, rng)
-    if quickest is None or not accepted(quickest.path):
+    if quickest is None or not accepts(quickest.path):
         return None
     path = quickest.path
     message = f"of {len(goals)} goals {quickest.tried} tried; " if len(goals) > 1 else ""
@@ -317,7 +317,7 @@ def _connect_to_quickest(
     if problem.optimization_iterations and len(path) > 2:
         rounds = ShorteningRounds(problem.optimization_iterations, RESOLUTION, MARGIN * problem.group.size)
         roots = np.concatenate([goals, *map(problem.group.turned_otherwise, goals)])
-        better = shorten_path(problem, path, roots, rounds, rng, accepted)
+        better = shorten_path(problem, path, roots, rounds, rng, accepts)
         path, message = better.path, f"{message}, {better.message}"
     return _succeed(problem, message, path, prove, quickest.others)
 

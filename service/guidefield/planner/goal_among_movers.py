@@ -91,7 +91,7 @@ def keep_schedule(
         return finished
     assert finished.trajectory is not None, "it was certified"
     search = _Search(problem, finished.trajectory.positions[-1:], stages, also)
-    return search.scheduled(finished, at_rest=at_rest) or search.failed()
+    return search.schedule(finished, at_rest=at_rest) or search.failed()
 
 
 @dataclass(frozen=True)
@@ -193,9 +193,9 @@ class _Search:
         if self._farthest is None:
             message = "no motion to the goal was certified among the obstacles that move"
             return Ending(Status.PLANNING_FAILED, message, {"stage": "connect"})
-        return self._blocked(*self._farthest)
+        return self._blocked_ending(*self._farthest)
 
-    def _blocked(self, _: float, z: LocalPoint) -> Ending:
+    def _blocked_ending(self, _: float, z: LocalPoint) -> Ending:
         problem = self._problem
         found = clearance_at(self._resting.world, problem.group.expand_from_local(z))
         pair = list(found.obstacle_pair) if found.obstacle_pair else None
@@ -243,11 +243,11 @@ class _Search:
         made, soonest = None, -np.inf
         if not held.detour:
             optimised = finish(held.problem, held.found, self._stages)
-            made = self.scheduled(optimised, at_rest=held.at_rest)
+            made = self.schedule(optimised, at_rest=held.at_rest)
             soonest = soonest if optimised.trajectory is None else optimised.trajectory.duration
         is_as_found = made is None
         if made is None and not self._problem.deadline.expired():
-            made, soonest = self._as_found(held), -np.inf
+            made, soonest = self._certify_as_found(held), -np.inf
         if made is None or made.trajectory is None:
             return None
         motion, distance = made.trajectory, SCHEDULE.distance + self._problem.min_clearance
@@ -258,13 +258,13 @@ class _Search:
         better = self._improve(made)
         if better is not None or is_as_found or self._problem.deadline.expired():
             return better or made
-        found = self._as_found(held)  # its schedule may be sooner than that of the optimised shape
+        found = self._certify_as_found(held)  # its schedule may be sooner than that of the optimised shape
         if found is None or found.trajectory is None or found.trajectory.times[-1] >= motion.times[-1]:
             return made
         return self._improve(found) or found
 
-    def _as_found(self, held: HeldPath) -> CertifiedMotion | None:
-        return self.scheduled(certify_found_path(held.problem, held.found, self._stages), at_rest=held.at_rest)
+    def _certify_as_found(self, held: HeldPath) -> CertifiedMotion | None:
+        return self.schedule(certify_found_path(held.problem, held.found, self._stages), at_rest=held.at_rest)
 
     def _improve(self, made: CertifiedMotion) -> CertifiedMotion | None:
         """A scheduled motion optimised among what moves; None where that is no better."""
@@ -288,12 +288,12 @@ class _Search:
         kept = self._also(motion)
         return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
-    def scheduled(self, finished: CertifiedMotion, *, at_rest: bool) -> CertifiedMotion | None:
+    def schedule(self, finished: CertifiedMotion, *, at_rest: bool) -> CertifiedMotion | None:
         """Another motion with a schedule that meets nothing, certified; None where there is none."""
         if finished.trajectory is None or not finished.verdict.free:
             return None
         if finished.trajectory.duration == 0.0:
-            made = self._certified(finished, finished.trajectory)
+            made = self._certify(finished, finished.trajectory)
             return made if made.verdict.free and self._from(finished.trajectory.positions[-1]) <= 0.0 else None
         occupancy = self._occupancy(finished.trajectory, at_rest=at_rest)
         for _ in range(1 + SCHEDULE.repairs):
@@ -306,7 +306,7 @@ class _Search:
             if found is None:
                 return None
             schedule, motion = found
-            made = self._certified(finished, motion)
+            made = self._certify(finished, motion)
             if made.verdict.free:
                 return made
             if self._problem.deadline.status() or made.verdict.piece is None:
@@ -347,7 +347,7 @@ class _Search:
                 self._farthest = share, occupancy.point(min(cell + 1, occupancy.count - 1))
         return schedules
 
-    def _certified(self, finished: CertifiedMotion, motion: Trajectory) -> CertifiedMotion:
+    def _certify(self, finished: CertifiedMotion, motion: Trajectory) -> CertifiedMotion:
         certified = certify_motion(self._problem, motion, {}, self._stages, self._judge)
         return replace(finished, verdict=certified.verdict, trajectory=certified.trajectory)
 

@@ -103,7 +103,7 @@ def optimize_motion(
         begun = Trajectory(motion.times[begin:], motion.positions[begin:], motion.velocities[begin:])
     settings = choose_settings(problem, passes=bool(crossed.passages))
     if settings.rough:  # it is optimised in few pieces
-        settings = presets.lengthened(settings, length_of(begun.positions, problem.group.sizes))
+        settings = presets.for_long_motion(settings, length_of(begun.positions, problem.group.sizes))
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
     touched: list[TouchedPoint] = []
     heaviest = presets.HEAVIER_LOADS**2 * settings.load_weight
@@ -154,20 +154,20 @@ def is_overloaded(problem: Problem, finished: CertifiedMotion | None) -> bool:
 
 def choose_settings(problem: Problem, *, passes: bool = False) -> presets.OptimizationSettings:
     """Choose the settings of a problem's optimisation; `passes`: the motion has to pass something on its way."""
-    return presets.sized(_choose_usual_settings(problem, passes), problem.group.size)
+    return presets.scale_to_size(_choose_usual_settings(problem, passes), problem.group.size)
 
 
 def _choose_usual_settings(problem: Problem, passes: bool) -> presets.OptimizationSettings:
     settings, many = presets.OPTIMIZATION[problem.objective], problem.group.nv > presets.MANY
     if problem.path_constraints:
-        return presets.constrained(presets.of_many(settings) if many else settings)
+        return presets.for_path_constraints(presets.of_many(settings) if many else settings)
     if passes and not problem.scene.moves:
-        return presets.guided_of_many(settings) if many else presets.guided(settings)
+        return presets.for_guide_planes_of_many(settings) if many else presets.for_guide_planes(settings)
     if many:
         return presets.of_many(settings)
     settings = presets.free(settings)
     if problem.in_motion or problem.scene.moves:
-        return presets.unscaled(settings) if problem.motion_limits and not problem.scene.moves else settings
+        return presets.for_unscaled_time(settings) if problem.motion_limits and not problem.scene.moves else settings
     settings = presets.in_few_pieces(settings)
     return presets.in_space(settings) if problem.cartesian_limits else settings
 

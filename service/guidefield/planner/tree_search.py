@@ -254,7 +254,7 @@ def grow(
         begins, motion_count = False, int(counters[tree_nodes.MOTIONS])
         nodes = int(counters[tree_nodes.SIZE : tree_nodes.SIZE + 2].max())
         if ended == kernel.FULL:
-            memory = memory.doubled()
+            memory = memory.double()
         tried = next((tree for tree in suspected if counters[tree_nodes.TRIED + tree] >= MOST_ROOTS_TRIED), None)
         if tried is not None:
             suspected.remove(tried)
@@ -326,7 +326,7 @@ class _TreeMemory:
     def of(cls, search: tree_nodes.TreeSearch) -> _TreeMemory:
         return cls(search, pack(search), cast(LocalPoints, search.path.reshape(-1, search.nv)))
 
-    def doubled(self) -> _TreeMemory:
+    def double(self) -> _TreeMemory:
         larger = _TreeMemory.build(self.search.nv, 2 * self.search.capacity).search
         for old, new in zip(held_by(self.search), held_by(larger), strict=True):
             new[..., : self.search.capacity] = old

@@ -307,14 +307,14 @@ def _steps(reply: PlanReply) -> list[str]:
             f"steps[{index}]",
             f"{one.begin:.2f} to {one.end:.2f} s",
             millimetres(None if one.clearance is None else one.clearance.minimum),
-            "; ".join([*_handled(one), *(f"{may.object} may touch {may.obstacle}" for may in one.permissions)]),
+            "; ".join([*_list_handling(one), *(f"{may.object} may touch {may.obstacle}" for may in one.permissions)]),
         )
         for index, one in enumerate(reply.steps)
     ]
     return [*table(("step", "time", "clearance", "objects"), rows), ""]
 
 
-def _handled(step: StepFigures) -> list[str]:
+def _list_handling(step: StepFigures) -> list[str]:
     words = {"holds": ", ".join(step.held), "puts down": step.detached, "picks up": step.attached}
     return [f"{verb} {names}" for verb, names in words.items() if names]
 
@@ -397,11 +397,11 @@ def _judgement_results(reply: CertifyReply) -> list[str]:
 def _limits(reply: CertifyReply) -> list[str]:
     limits = reply.limits
     uses = {name: getattr(limits, name) for name in limits.__struct_fields__}
-    rows = [(name, *_used(use)) for name, use in uses.items() if use.joint is not None]
+    rows = [(name, *_describe_use(use)) for name, use in uses.items() if use.joint is not None]
     return [*table(("limit of", "used at most", "by", "where"), rows), ""] if rows else []
 
 
-def _used(use: LimitUse) -> tuple[str, str, str]:
+def _describe_use(use: LimitUse) -> tuple[str, str, str]:
     share = "it jumps" if use.share is None else f"{100 * use.share:.1f} %"
     where = "" if use.row is None else describe_place(use.row, use.time)
     return share, use.joint or "", where

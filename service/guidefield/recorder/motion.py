@@ -66,7 +66,7 @@ def shown_motion(
     if reply.trajectory is not None and reply.trajectory.times:
         return _between_knots(group, reply.trajectory)
     if reply.path:
-        return _untimed(group, reply.path)
+        return _sample_path(group, reply.path)
     q = group.q_origin if start is None else start
     return ShownMotion(np.zeros(1), q[None], timed=False)
 
@@ -160,7 +160,7 @@ def _shown_times(knots: np.ndarray) -> np.ndarray:
     return np.union1d(np.linspace(knots[0], knots[-1], count), knots)
 
 
-def _untimed(group: PlanningGroup, path: Sequence[Sequence[float]]) -> ShownMotion:
+def _sample_path(group: PlanningGroup, path: Sequence[Sequence[float]]) -> ShownMotion:
     """Sample a path of position rows evenly, to be shown at an even speed."""
     rows = group.local_path(list(configurations_of(group, path)))
     lengths = np.abs(np.diff(rows, axis=0)).max(axis=1, initial=0.0)
@@ -182,7 +182,7 @@ class Poses:
 def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Configurations) -> Poses:
     """Place every joint and the tip at n configurations (nq,)."""
     joints = tuple(range(1, group.model.njoints))
-    expanded = _expanded(group, configurations)
+    expanded = _expand_each(group, configurations)
     placements = np.empty((len(expanded), len(joints) + 1, 7))
     place_frames(joints_of(group), _joints_and_tip(group, group.tip_id), AT_ORIGIN, expanded, placements)
     return Poses(joints, placements[:, :-1], placements[:, -1, :3])
@@ -191,17 +191,17 @@ def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Config
 @memoized_for_alike
 def _joints_and_tip(group: PlanningGroup, tip: int) -> FrameTable:
     count = group.model.njoints
-    return _frame_table([*((joint, np.eye(4)[:3]) for joint in range(1, count)), _carried(group, tip)])
+    return _frame_table([*((joint, np.eye(4)[:3]) for joint in range(1, count)), _find_carrier(group, tip)])
 
 
 def link_placements(group: PlanningGroup, configurations: Configurations, links: tuple[str, ...]) -> np.ndarray:
     """Return placements of some links at configurations (n, nq), shape (n, links, 3, 4) [m, world]."""
-    expanded = _expanded(group, configurations)
+    expanded = _expand_each(group, configurations)
     rows = placed_links(group, expanded, links).reshape(-1, 7)
     return frames(rows[:, :3], rows[:, 3:]).reshape(len(expanded), len(links), 3, 4)
 
 
-def _expanded(group: PlanningGroup, configurations: Sequence[Configuration] | Configurations) -> ModelConfigurations:
+def _expand_each(group: PlanningGroup, configurations: Sequence[Configuration] | Configurations) -> ModelConfigurations:
     expanded = np.array([group.expand(q) for q in configurations], float)
     return cast(ModelConfigurations, expanded.reshape(-1, group.model.nq))
 
@@ -216,10 +216,10 @@ def placed_links(group: PlanningGroup, expanded: ModelConfigurations, links: tup
 @memoized_for_alike
 def _links(group: PlanningGroup, links: tuple[str, ...]) -> FrameTable:
     indices = [frame_index(group.model, link) for link in links]
-    return _frame_table([_carried(group, index) for index in indices if index is not None])
+    return _frame_table([_find_carrier(group, index) for index in indices if index is not None])
 
 
-def _carried(group: PlanningGroup, frame: int) -> tuple[int, np.ndarray]:
+def _find_carrier(group: PlanningGroup, frame: int) -> tuple[int, np.ndarray]:
     """Return the joint that carries a frame, and the frame's placement in it, shape (3, 4) [m]."""
     there = group.model.frames[frame]
     return int(there.parentJoint), there.placement.homogeneous[:3]

@@ -122,7 +122,7 @@ def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> 
         return shade(plain.vertices, plain.triangles).colored(GREY if override is None else override)
     if override is None and any(_texture(mesh) is not None for mesh in meshes):
         return _as_glb(meshes)
-    return join([_colored(mesh, override) for mesh in meshes])
+    return join([_color_mesh(mesh, override) for mesh in meshes])
 
 
 def _file_meshes(path: Path) -> list[trimesh.Trimesh]:
@@ -159,7 +159,7 @@ def _as_glb(meshes: list[trimesh.Trimesh]) -> bytes:
     return glb
 
 
-def _colored(mesh: trimesh.Trimesh, override: Sequence[int] | None) -> Surface:
+def _color_mesh(mesh: trimesh.Trimesh, override: Sequence[int] | None) -> Surface:
     if override is not None:
         return shade(mesh.vertices, mesh.faces).colored(override)
     visual = mesh.visual

@@ -54,10 +54,10 @@ class Stream(CertifiedStream):
             request = cast(StreamOpen, codec.convert({**given, **codec.plain_fields(fields)}, StreamOpen))
         compile_kernels(_log.warning)
         robot = Catalog().load(request.robot)
-        super().__init__(request, robot, build(_declared(request)))
+        super().__init__(request, robot, build(_resolve_scene(request)))
 
 
-def _declared(request: StreamOpen) -> SceneMessage:
+def _resolve_scene(request: StreamOpen) -> SceneMessage:
     reference = request.scene
     if isinstance(reference, str):
         return PackagedScenes().read(reference)[0]

@@ -280,7 +280,7 @@ def begin(streams: Path, name: str) -> Path:
     """
     streams.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(streams / name, ignore_errors=True)
-    kept = sorted((_changed(folder), folder) for folder in streams.iterdir() if folder.is_dir())
+    kept = sorted((_last_change(folder), folder) for folder in streams.iterdir() if folder.is_dir())
     for _, folder in kept[: max(0, len(kept) + 1 - MOST_KEPT)]:
         shutil.rmtree(folder, ignore_errors=True)
     (streams / name).mkdir()
@@ -305,7 +305,7 @@ def none_kept(name: str) -> UnknownObject:
     return UnknownObject(f"nothing is kept of a stream {name!r}", stream=name)
 
 
-def _changed(folder: Path) -> float:
+def _last_change(folder: Path) -> float:
     try:
         return max((file.stat().st_mtime for file in files_of(folder)), default=folder.stat().st_mtime)
     except OSError:  # it was removed since
@@ -378,14 +378,14 @@ def _replay_entries(stream: CertifiedStream, entries: Sequence[Entry]) -> Replay
             stream.stop()
         elif isinstance(entry, Updated):
             was = entry.piece or entry.state or (entry.refused.message if entry.refused else None)
-            now = _updated(stream, entry)
+            now = _replay_update(stream, entry)
             updates, pieces = updates + 1, pieces + isinstance(now, Piece)
             if now != was:
                 return Replay(updates, pieces, entry.update.time, was, now)
     return Replay(updates, pieces)
 
 
-def _updated(stream: CertifiedStream, entry: Updated) -> Piece | StreamState | str | None:
+def _replay_update(stream: CertifiedStream, entry: Updated) -> Piece | StreamState | str | None:
     try:
         return stream.note(entry.update) if entry.noted else stream.update(entry.update)
     except GuidefieldError as error:

@@ -75,16 +75,16 @@ def render(files: Sequence[Path], opens: Opens) -> bytes:
                 motions = RobotMotions(stream.group, list(begun.snapshot.state.commits.values()))
                 parts.append(motion_of(motions, updated, ()))
         if stream is None or not parts:
-            raise MalformedRequest(f"{_named(files)} holds no update", file=files[-1].name)
+            raise MalformedRequest(f"{_name_files(files)} holds no update", file=files[-1].name)
         motion = StreamMotion(
             **{name: np.concatenate([getattr(one, name) for one in parts]) for name in ARRAYS},
             reasons=[reason for one in parts for reason in one.reasons],
             moving=moved.bodies(stream.origin),
         )
-        return stream_recording(f"{files[-1].parent.name}-{_named(files)}", stream.group, stream.scene, motion)
+        return stream_recording(f"{files[-1].parent.name}-{_name_files(files)}", stream.group, stream.scene, motion)
 
 
-def _named(files: Sequence[Path]) -> str:
+def _name_files(files: Sequence[Path]) -> str:
     return files[0].stem if len(files) == 1 else f"{files[0].stem}-{files[-1].stem}"
 
 

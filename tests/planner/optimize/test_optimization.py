@@ -12,7 +12,7 @@ from guidefield.planner.motion.timing import stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import REACHED, Passage, PlanePlace
-from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, constrained
+from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, for_path_constraints
 from guidefield.planner.path_so_far import limits_of, retime_motion, time_path_ignoring_jerk
 from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import Objective, Problem
@@ -252,7 +252,7 @@ def constrained_path(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
 def test_path_constraints_are_kept_between_samples_too(of: str, tolerance: float) -> None:
     made, path = constrained_path(of, tolerance)
     motion = time_path_ignoring_jerk(made, path)
-    trajectory = optimize(made, motion, constrained(BALANCED)).trajectory
+    trajectory = optimize(made, motion, for_path_constraints(BALANCED)).trajectory
     assert trajectory.duration < 0.8 * motion.duration
     check_limits(made, trajectory)
     assert certify(made.world, trajectory.bezier()).free

@@ -210,7 +210,7 @@ def _turn(turn: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[np
     _link(turn.link_name, start, at)
     if turn.parameterization not in (EULER, ROTATION_VECTOR):
         raise GoalRefused(f"`{at}.parameterization` {turn.parameterization} is unknown")
-    frame = _fixed(turn.header.frame_id, group, start, f"{at}.header.frame_id")
+    frame = _fixed_frame(turn.header.frame_id, group, start, f"{at}.header.frame_id")
     names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
     x, y, z = (number(getattr(turn, name), f"{at}.{name}", GoalRefused) for name in names)
     for name, tolerance in zip(names, (x, y, z), strict=True):
@@ -244,7 +244,7 @@ def _volumes(one: Any, group: Sequence[str], start: Snapshot, at: str) -> list[t
         raise GoalRefused(
             f"`{at}.constraint_region.primitives`: at most {MOST_REGIONS} are served, got {len(region.primitives)}"
         )
-    frame = _fixed(one.header.frame_id, group, start, f"{at}.header.frame_id")
+    frame = _fixed_frame(one.header.frame_id, group, start, f"{at}.header.frame_id")
     found = []
     for index, (each, pose) in enumerate(zip(region.primitives, region.primitive_poses, strict=True)):
         try:
@@ -311,7 +311,7 @@ def _require_open(tolerance: float, at: str) -> None:
         raise GoalRefused(f"`{at}`: the tolerances of a path constraint must be positive")
 
 
-def _fixed(frame: str, group: Sequence[str], start: Snapshot, field: str) -> Any:
+def _fixed_frame(frame: str, group: Sequence[str], start: Snapshot, field: str) -> Any:
     """Return a frame's place in the world, pinocchio.SE3; raises Refused if it moves with the group."""
     there, link = start.frame(frame, field)
     if link is not None and start.robot.moves(link, group):

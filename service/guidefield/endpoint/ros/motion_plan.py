@@ -76,7 +76,7 @@ def read_plan_request(message: Any, now: Snapshot) -> RequestedPlan:
         *time_notes,
         *velocity_notes,
         *acceleration_notes,
-        *_ignored(ros_request),
+        *_list_ignored(ros_request),
     )
     return RequestedPlan(request, start, ros_request.group_name, notes, (goal, *goal.others) if goal.others else ())
 
@@ -219,7 +219,7 @@ def _start_notes(start: Snapshot) -> list[str]:
     return [f"neither /joint_states nor `start_state` tells {', '.join(start.unheard)}: taken at rest"]
 
 
-def _ignored(ros_request: Any) -> list[str]:
+def _list_ignored(ros_request: Any) -> list[str]:
     ignored = {
         "pipeline_id": bool(ros_request.pipeline_id),
         "planner_id": bool(ros_request.planner_id),

@@ -261,19 +261,19 @@ class RosNode:
         return self._types.write(self._types.new(name, **answered.response), name)
 
     def _post(self, query: zenoh.Query, size: int, send: Callable[[], None]) -> None:
-        attachment = _attached(query)
+        attachment = _read_attachment(query)
         asker = Asker(ROS_USER, "" if attachment is None else attachment.sender.hex())
         if not self._outbox.post(asker, size, send):
             self._complain(f"{query.key_expr}: too much waits to be read by this client already; an answer is dropped")
             query.drop()
 
 
-def _attached(query: zenoh.Query) -> Attachment | None:
+def _read_attachment(query: zenoh.Query) -> Attachment | None:
     return None if query.attachment is None else Attachment.read(query.attachment.to_bytes())
 
 
 def _send(query: zenoh.Query, key: str, payload: bytes) -> None:
-    attachment = _attached(query)
+    attachment = _read_attachment(query)
     with query:
         query.reply(key, payload, attachment=None if attachment is None else attachment.write())
 

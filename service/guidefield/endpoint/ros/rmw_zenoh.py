@@ -75,10 +75,10 @@ class Types:
         theirs = get_typestore(known).fielddefs
         definitions = {name: fields for name, fields in theirs.items() if name.partition("/")[0] in PACKAGES}
         for name, fields in messages.items():
-            definitions |= _parsed(name.replace("/", "/msg/"), fields)
+            definitions |= _parse(name.replace("/", "/msg/"), fields)
         for name, (request, response) in services.items():
             own = name.replace("/", "/srv/")
-            definitions |= _service(own, _parsed(f"{own}_Request", request), _parsed(f"{own}_Response", response))
+            definitions |= _service(own, _parse(f"{own}_Request", request), _parse(f"{own}_Response", response))
         for name, (goal, result, feedback) in (actions or {}).items():
             definitions |= _action(name.replace("/", "/action/"), goal, result, feedback)
         self._store.register(definitions)
@@ -159,7 +159,7 @@ def _identity(value: Any) -> Any:
     return value
 
 
-def _parsed(name: str, fields: str) -> dict[str, Any]:
+def _parse(name: str, fields: str) -> dict[str, Any]:
     package, _, own = name.split("/")
     (definition,) = get_types_from_msg(fields, f"{package}/msg/{own}").values()
     return {name: definition}
@@ -175,13 +175,13 @@ def _action(name: str, goal: str, result: str, feedback: str) -> dict[str, Any]:
     got = [("status", (Nodetype.BASE, ("int8", 0))), ("result", one(f"{name}_Result"))]
     send, get = f"{name}_SendGoal", f"{name}_GetResult"
     return {
-        **_parsed(f"{name}_Goal", goal),
-        **_parsed(f"{name}_Result", result),
-        **_parsed(f"{name}_Feedback", feedback),
+        **_parse(f"{name}_Goal", goal),
+        **_parse(f"{name}_Result", result),
+        **_parse(f"{name}_Feedback", feedback),
         **_service(
             send,
             with_id(f"{send}_Request", ("goal", one(f"{name}_Goal"))),
-            _parsed(f"{send}_Response", "bool accepted\nbuiltin_interfaces/Time stamp"),
+            _parse(f"{send}_Response", "bool accepted\nbuiltin_interfaces/Time stamp"),
         ),
         **_service(get, with_id(f"{get}_Request"), {f"{get}_Response": ([], got)}),
         **with_id(f"{name}_FeedbackMessage", ("feedback", one(f"{name}_Feedback"))),

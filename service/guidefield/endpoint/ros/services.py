@@ -68,7 +68,7 @@ def read_ik_request(message: Any, now: Snapshot) -> tuple[InverseKinematics, Sna
         allowed_collisions=start.allowed() if ik_request.avoid_collisions else [],
         start_configurations=[dict(start.whole)],
         solutions=1,
-        allowed_time=_allowed(ik_request.timeout),
+        allowed_time=_read_timeout(ik_request.timeout),
     )
     return request, start
 
@@ -119,7 +119,7 @@ def _target(ik_request: Any) -> tuple[str, Any, str]:
     return ik_request.ik_link_name, ik_request.pose_stamped, "pose_stamped"
 
 
-def _allowed(timeout: Any) -> float:
+def _read_timeout(timeout: Any) -> float:
     seconds = timeout.sec + timeout.nanosec / NANO
     if seconds <= 0.0:
         return UNSET_TIME

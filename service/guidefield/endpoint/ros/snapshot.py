@@ -230,7 +230,7 @@ class Snapshot:
 
     def attached(self) -> list[AttachedObject]:
         """Return held objects as our requests have them; raises Refused if one is a plane."""
-        return [one for name, held in self.held.items() for one in _attached(name, held)]
+        return [one for name, held in self.held.items() for one in _attached_objects(name, held)]
 
     def allowed(self) -> list[tuple[str, str]]:
         """Return the pairs that may touch, by names of links and obstacles."""
@@ -240,7 +240,7 @@ class Snapshot:
         return [(a, b) for first, second in self.matrix.allowed(names) for a in names[first] for b in names[second]]
 
 
-def _attached(name: str, held: AttachedThing) -> Iterator[AttachedObject]:
+def _attached_objects(name: str, held: AttachedThing) -> Iterator[AttachedObject]:
     for (shape, there), own in zip(held.thing.shapes, held.thing.names(name), strict=True):
         if isinstance(shape, HalfSpace):
             raise ObjectRefused(f"object {name!r} has a plane: no link can hold it")
@@ -371,7 +371,7 @@ def _with_object(before: Snapshot, message: Any, where: str) -> Snapshot:
     thing = _thing(message, there, where)
     present = before.objects.get(name)
     if message.operation == APPEND and present is not None:
-        thing = _appended(present, thing)
+        thing = _append_shapes(present, thing)
     return dataclasses.replace(before, objects={**before.objects, name: thing})
 
 
@@ -386,7 +386,7 @@ def _thing(message: Any, frame: Any, where: str) -> SceneObject:
     return SceneObject(frame * pose, shapes, frames_of(message, where))
 
 
-def _appended(present: SceneObject, more: SceneObject) -> SceneObject:
+def _append_shapes(present: SceneObject, more: SceneObject) -> SceneObject:
     """Return an object with the shapes of another one too, which keep their place in the world."""
     onto = present.pose.inverse() * more.pose
     shapes = tuple((shape, onto * there) for shape, there in more.shapes)
@@ -432,7 +432,7 @@ def _with_held(before: Snapshot, message: Any, where: str) -> Snapshot:
         raise ObjectRefused(f"`{where}.object` has no shapes, and the scene has no {name[:64]!r}")
     present = before.held.get(name)
     if message.object.operation == APPEND and present is not None and present.link == link:
-        thing = _appended(present.thing, thing)
+        thing = _append_shapes(present.thing, thing)
     held = {**before.held, name: AttachedThing(link, thing, tuple(message.touch_links))}
     objects = {id_: one for id_, one in before.objects.items() if id_ != name}
     return dataclasses.replace(before, objects=objects, held=held)

@@ -175,7 +175,7 @@ def _deviations_at(
     times = drawn.scheduled.piece_times()
     mine, own = _between(planned.bezier(), planned.piece_times(), knots), _between(drawn.pieces, times, knots)
     order = max(mine.shape[1], own.shape[1])
-    apart = _elevated(mine, order) - _elevated(own, order)
+    apart = _elevate_degree(mine, order) - _elevate_degree(own, order)
     beside = None
     if drawn.kind is CurveKind.STEPS:
         at = find_pieces(times, 0.5 * (knots[1:] + knots[:-1]))[0]
@@ -193,7 +193,7 @@ def _between(pieces: np.ndarray, times: np.ndarray, knots: np.ndarray) -> np.nda
     return restrict_curves(pieces[piece], low, high)
 
 
-def _elevated(curves: np.ndarray, order: int) -> np.ndarray:
+def _elevate_degree(curves: np.ndarray, order: int) -> np.ndarray:
     while (degree := curves.shape[1]) < order:
         share = (np.arange(1, degree) / degree)[:, None]
         inner = share * curves[:, :-1] + (1.0 - share) * curves[:, 1:]

@@ -53,7 +53,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: LocalPoints) -
     moving, pairs = _moving(problem.group), _pairs(problem.group, problem.world.pairs.own.tobytes())
     robot = _of_group(problem.group)._replace(
         joints=group_joints(problem.group),
-        ignored=_ignored(problem, moving),
+        ignored=_ignored_pairs(problem, moving),
         pairs=pairs,
         pair_ranges=np.full(len(pairs), RANGE * problem.group.size),
     )
@@ -215,7 +215,7 @@ def _balls_about(points: np.ndarray, every: int) -> np.ndarray:
     return np.column_stack([centres, np.maximum.reduceat(away, first)])
 
 
-def _ignored(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
+def _ignored_pairs(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
     pairs = problem.world.pairs
     ignored = np.ones((pairs.links, pairs.obstacles), bool)
     ignored[pairs.moving] = False

@@ -88,10 +88,10 @@ def ends_of(problem: Problem, motion: Trajectory) -> tuple[End, End]:
 
 def first_motion(motion: Trajectory, limits: MotionLimits, settings: OptimizationSettings) -> BSpline:
     """A spline near a motion from rest to rest, strictly within limits; slower where it has to be."""
-    return _stretched(motion, _pieces(motion, limits, settings), limits)
+    return _fit_spline(motion, _pieces(motion, limits, settings), limits)
 
 
-def slowed(spline: BSpline, problem: Problem) -> BSpline:
+def slow_down(spline: BSpline, problem: Problem) -> BSpline:
     """A spline from rest to rest, slower where limits of speed in space need it on its path."""
     if not problem.cartesian_limits:
         return spline
@@ -111,7 +111,7 @@ def scheduled_motion(
     begin = float(motion.times[0])
     fastest = float(np.linalg.norm(motion.velocities / limits.sizes, axis=1).max())
     pieces = int(np.ceil(0.5 * fastest * motion.duration / settings.piece))
-    spline = _stretched(motion, int(np.clip(pieces, settings.least_pieces, settings.most_pieces)), limits)
+    spline = _fit_spline(motion, int(np.clip(pieces, settings.least_pieces, settings.most_pieces)), limits)
     step = max(spline.step, max(motion.duration, ROOM * (arrive_from - begin)) / spline.pieces)
     return BSpline.between(spline.start, spline.end, spline.inner, step, begin)
 
@@ -140,7 +140,7 @@ def longest_step(ends: tuple[End, End], limits: MotionLimits) -> float:
     return longest
 
 
-def _stretched(motion: Trajectory, pieces: int, limits: MotionLimits) -> BSpline:
+def _fit_spline(motion: Trajectory, pieces: int, limits: MotionLimits) -> BSpline:
     """A spline of some pieces through samples of a motion evenly in time, as fast as it may be with some room."""
     inner = pieces - ENDS  # the ends take the places before and after them
     times = motion.times[0] + motion.duration * np.arange(1, inner + 1) / (inner + 1)
@@ -322,7 +322,7 @@ class _Descending:
         elif problem.scene.moves:
             first = scheduled_motion(motion, self._limits, self._settings, self._arrive_from)
         else:
-            first = slowed(first_motion(motion, self._limits, self._settings), problem)
+            first = slow_down(first_motion(motion, self._limits, self._settings), problem)
         question = OptimizationProblem(
             robot,
             tables,
@@ -347,17 +347,17 @@ class _Descending:
         if self._passages:  # links of chains have many points, and through a gate all of them are near something
             coarse = dataclasses.replace(question, robot=few_points(robot))
         if settings.rough:
-            begun = self._descended(coarse, *begun, settings.rough, settings.samples).finer()
-        found = self._descended(coarse, *begun, settings.coarse, settings.samples)
+            begun = self._descend(coarse, *begun, settings.rough, settings.samples).finer()
+        found = self._descend(coarse, *begun, settings.coarse, settings.samples)
         return _Coarse(coarse if settings.few else question, found, question.duration * found.cost)
 
     def fine(self, coarse: _Coarse) -> Evaluation:
         if self.outcome is not None:
             return coarse.found.evaluation
         settings = self._settings
-        return self._descended(coarse.question, *coarse.found.finer(), settings.fine, settings.fine_samples).evaluation
+        return self._descend(coarse.question, *coarse.found.finer(), settings.fine, settings.fine_samples).evaluation
 
-    def _descended(
+    def _descend(
         self,
         question: OptimizationProblem,
         spline: BSpline,
@@ -371,7 +371,7 @@ class _Descending:
         for limit_weight in weights:
             cost, worth = descent.cost(evaluation, limit_weight), settings.worth * math.sqrt(limit_weight)
             for _ in range(MOST_STEPS):
-                self.outcome = self._ended()
+                self.outcome = self._find_outcome()
                 if self.outcome is not None:
                     return _Descended(evaluation, cost, ahead)
                 ahead, promised = descent.lower(evaluation, limit_weight)
@@ -389,7 +389,7 @@ class _Descending:
                     break
         return _Descended(evaluation, cost, ahead)
 
-    def _ended(self) -> Outcome | None:
+    def _find_outcome(self) -> Outcome | None:
         if (status := self._problem.deadline.status()) is not None:
             return _ENDINGS[status]
         most = self._problem.optimization_iterations

@@ -1,6 +1,6 @@
 """The numbers of the optimisation of motions, each with what chose it; `tools/bench quality --poses` measures them.
 
-Lengths are those at size 1, see `sized`; a coordinate in metres counts by the robot's size, too.
+Lengths are those at size 1, see `scale_to_size`; a coordinate in metres counts by the robot's size, too.
 
 "Problems" are 35 of the public ones of a Panda as pose goals, at 15 rad/s² and 500 rad/s³. Where it says *unrecorded*
 nobody wrote down how a number was chosen; a prototype's were chosen on 70 of the same sets, some of which are measured
@@ -68,7 +68,7 @@ class OptimizationSettings:
     # quarter more time
     enough: float = 1.25
     # change of what a passage is missed by in a piece before the last subdivision, below which a change of time makes
-    # up for little; half as much after it [m or rad]; see `guided`
+    # up for little; half as much after it [m or rad]; see `for_guide_planes`
     crossing: float = 2e-3
     # of half the mean of squares of what loads are beyond a share, see `loads`: by its problems motions are 1 % slower
     # with 5, and with 60 0.5 % faster in a tenth more time
@@ -77,7 +77,7 @@ class OptimizationSettings:
 
 BALANCED = OptimizationSettings()
 
-HEAVIER_LOADS = 20.0  # times as much is the weight of loads beyond their limits, twice at most; `unscaled` begins so
+HEAVIER_LOADS = 20.0  # factor on the weight of loads beyond their limits, twice at most; see `for_unscaled_time`
 
 OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
     {
@@ -91,8 +91,8 @@ configurations as goals: with less weight at the ends motions come up to 6 mm ne
 whole way they take up to five times as long for 2 mm."""
 
 
-def sized(settings: OptimizationSettings, size: float) -> OptimizationSettings:
-    """For a robot of a size: what it keeps from obstacles goes with it."""
+def scale_to_size(settings: OptimizationSettings, size: float) -> OptimizationSettings:
+    """Scale the distances that a motion keeps from obstacles by the robot's size."""
     if size == 1.0:
         return settings
     lengths = ("range", "floor", "farthest_floor", "least_floor")
@@ -166,16 +166,16 @@ def in_space(settings: OptimizationSettings) -> OptimizationSettings:
     return dataclasses.replace(settings, worth=2.0)
 
 
-def unscaled(settings: OptimizationSettings) -> OptimizationSettings:
-    """For a motion with limits of the whole whose time isn't scaled in the end: it has to keep them by itself."""
+def for_unscaled_time(settings: OptimizationSettings) -> OptimizationSettings:
+    """Return settings for a motion that has to keep limits of the whole by itself: its time isn't scaled in the end."""
     return dataclasses.replace(settings, load_weight=HEAVIER_LOADS * settings.load_weight)
 
 
-LONG = 2.0  # a motion that would take more than this times as many pieces as there may be is optimised `lengthened`
+LONG = 2.0  # `for_long_motion` is for motions that would take more than this times the largest number of pieces
 
 
-def lengthened(settings: OptimizationSettings, length: float) -> OptimizationSettings:
-    """The same in few pieces for a motion of a length [rad or m], which may be a drive through many rooms.
+def for_long_motion(settings: OptimizationSettings, length: float) -> OptimizationSettings:
+    """Return settings with few pieces for a motion of a length [rad or m], which may be a drive through many rooms.
 
     Its pieces are as long as usual, though there are many; and what a change there brings is a small share of the whole
     objective. Without it eight of nine drives of a Fetch through doors of 1 m, 30 to 96 m long, were not certified;
@@ -188,8 +188,8 @@ def lengthened(settings: OptimizationSettings, length: float) -> OptimizationSet
     return dataclasses.replace(settings, most_pieces=math.ceil(longer * settings.most_pieces), **shares)
 
 
-def guided(settings: OptimizationSettings) -> OptimizationSettings:
-    """For a motion of up to `MANY` coordinates that crosses guide planes among what rests.
+def for_guide_planes(settings: OptimizationSettings) -> OptimizationSettings:
+    """Return settings for a motion of up to `MANY` coordinates that crosses guide planes among obstacles at rest.
 
     By 17 of the thesis' scenes, chains of up to six links. The Hessian of a crossing holds a motion that goes through
     its plane by a rest, so that each evaluation moves it by next to nothing: with 2e-3 instead of 1e-3 some take 9 %
@@ -200,7 +200,7 @@ def guided(settings: OptimizationSettings) -> OptimizationSettings:
     return dataclasses.replace(_kept_from(settings, 0.065), few=True, worth=0.2, most_pieces=32, crossing=1e-3)
 
 
-def guided_of_many(settings: OptimizationSettings) -> OptimizationSettings:
+def for_guide_planes_of_many(settings: OptimizationSettings) -> OptimizationSettings:
     """The same for one of more coordinates.
 
     By eight of the thesis' scenes, chains of 10 to 48 links. What costs most are Newton's steps, so that these may be
@@ -225,8 +225,8 @@ def closer(settings: OptimizationSettings) -> OptimizationSettings:
     return dataclasses.replace(settings, weight=4.0 * settings.weight, samples=samples, fine_samples=fine)
 
 
-def constrained(settings: OptimizationSettings) -> OptimizationSettings:
-    """For a motion that keeps path constraints.
+def for_path_constraints(settings: OptimizationSettings) -> OptimizationSettings:
+    """Return settings for a motion that keeps path constraints.
 
     A large weight of the limits' barrier would lead it off them first. Steps along a constraint that bends are short,
     and many bring little. On 33 random problems among boxes, without these motions take 1 % longer, and

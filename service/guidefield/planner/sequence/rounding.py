@@ -161,9 +161,9 @@ def _choose_settings(problem: Problem, parts: Sequence[StepPart], motion: Trajec
     radius = min(one.goal.radius for one in parts if one.goal is not None)
     wanted = math.ceil(length_of(motion.positions) / (PIECE_SHARE * radius))
     least = min(max(wanted, LEAST_PIECES * len(parts)), MOST_PIECES)
-    settings = presets.sized(presets.OPTIMIZATION[problem.objective], problem.group.size)
+    settings = presets.scale_to_size(presets.OPTIMIZATION[problem.objective], problem.group.size)
     keeps = problem.path_constraints or any(one.line is not None for one in parts)
-    settings = presets.constrained(settings) if keeps else settings
+    settings = presets.for_path_constraints(settings) if keeps else settings
     return dataclasses.replace(settings, least_pieces=least, most_pieces=max(MOST_PIECES, least))
 
 

@@ -140,7 +140,7 @@ class _SequencePlanning(Generic[S]):
                 failed = self._make_refusal(_make_late_ending(index, late), index, self._at)
             if failed is not None:
                 return failed
-        return self._certified()
+        return self._certify()
 
     def _step(self, index: int) -> SequencePlan[S] | None:
         steps, at = self._steps, self._at
@@ -154,13 +154,15 @@ class _SequencePlanning(Generic[S]):
         if motion is not None:
             group = motion.problem.group
             embedding = Embedding.of(group, motion.problem.z_start, self._whole, self._z)
-            made = self._planned(index, motion, embedding)
+            made = self._plan_step(index, motion, embedding)
             if isinstance(made, StepRefusal):
                 return self._make_refusal(made, index, at)
             self._add(made.stages, made.seconds, made.warnings, index)
             path = embedding.points(made.path)
             if made.status is not Status.SUCCESS or made.trajectory is None:
-                return self._failed(index, Ending(made.status, made.message, made.details), at, path, made.verdict)
+                return self._make_failure(
+                    index, Ending(made.status, made.message, made.details), at, path, made.verdict
+                )
             self._moved.append(_StepMotion(motion, made.trajectory, embedding))
             self._z = cast(LocalPoint, embedding.points(made.trajectory.positions[-1:])[0])
             q = whole_configuration(group, group.from_local(made.trajectory.positions[-1]))
@@ -168,7 +170,7 @@ class _SequencePlanning(Generic[S]):
         now = self._composition.end
         self._legs.append(StepResult(index, at, (now, now), conditions, path, line, (now, now), problem))
         if steps.passes(index) is None:
-            self._composed(index)
+            self._compose(index)
         began = working_time()
         self._at = steps.after(index, at, q, self._now)
         self._spend("load", began)
@@ -179,7 +181,7 @@ class _SequencePlanning(Generic[S]):
         """The begin of the next step [s]; passed ones are yet to be joined."""
         return self._composition.end + sum(one.trajectory.duration for one in self._moved)
 
-    def _composed(self, index: int) -> None:
+    def _compose(self, index: int) -> None:
         begin, moved = self._composition.end, self._moved
         if len(moved) > 1:
             self._join_motions(index + 1 - len(moved))
@@ -224,7 +226,7 @@ class _SequencePlanning(Generic[S]):
         goal = None if radius is None else PassedGoal(problem, turned.positions[-1], radius)
         return StepPart(problem, turned, moved.motion.line, goal)
 
-    def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | StepRefusal:
+    def _plan_step(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | StepRefusal:
         watched = StepObserver(self._observer, motion.problem.group, self._whole, embedding)
         began = working_time()
         problem = keep_possible_goals(self._steps, index, self._at, motion)
@@ -233,7 +235,7 @@ class _SequencePlanning(Generic[S]):
             return problem
         return motion.plan(dataclasses.replace(problem, observer=watched))
 
-    def _certified(self) -> SequencePlan[S]:
+    def _certify(self) -> SequencePlan[S]:
         verdicts: list[Verdict] = []
         drawn: DrawnMotion | None = None
         ended = Ending(Status.SUCCESS, "found a motion through all steps and certified it free over its whole length")
@@ -313,9 +315,9 @@ class _SequencePlanning(Generic[S]):
         if refused.index > step:
             message = f"{ending.message}, from any end of `steps[{step}]` that was tried"
             ending = Ending(ending.status, message, {**ending.details, "chosen_by": step})
-        return self._failed(refused.index, ending, at, base[None], verdict)
+        return self._make_failure(refused.index, ending, at, base[None], verdict)
 
-    def _failed(self, index: int, ending: Ending, at: S, path: LocalPoints, verdict: Verdict) -> SequencePlan[S]:
+    def _make_failure(self, index: int, ending: Ending, at: S, path: LocalPoints, verdict: Verdict) -> SequencePlan[S]:
         refusal = _name_step(index, ending)
         return SequencePlan(
             refusal.status,
