@@ -1,6 +1,6 @@
 """Replies in a Jupyter notebook: a table, and the recording in Rerun's viewer if rerun-notebook is installed.
 
-`SHOWN` must name the module in which each message is declared, or it isn't shown.
+`SHOWN` names the module that declares each message; others than plans, verdicts, kept runs need a table first.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from guidefield.messages.scene import Scene
 if TYPE_CHECKING:
     from guidefield.engine import Engine
 
-MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")  # suffixes of motion files; any other argument is the id of a run
+MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")  # each has a case in `read_fields`; all else is a run's id
 TRAJECTORY_FIELDS = ("times", "positions", "velocities", "accelerations")  # fields of a motion in a file
 
 

@@ -48,7 +48,7 @@ from guidefield.stores.files import checked_name
 from guidefield.stream_worker import StreamConversation
 
 SILENCE = 10.0  # time without an update after which a stream ends [s] (docs/stream.md)
-OPENED_WITHIN = 120.0  # time after which opening is given up [s]; the first use of a robot prepares it
+OPENED_WITHIN = 120.0  # time for opening, which may prepare a robot [s]; below `ANSWER_TIMEOUT` (client/questions.py)
 # both are in docs/wire.md by rules.py: after a change, `tools/wire_page`
 Publish = Callable[[str, bytes, Encoding], None]  # publishes something on a key below the stream's
 

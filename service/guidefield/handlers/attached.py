@@ -36,7 +36,7 @@ from guidefield.scene.obstacle_message import are_many, content_of, count_of, pu
 from guidefield.scene.scene import Scene
 
 CARRIED = (messages.Placed, messages.Sphere)
-"""Kinds of obstacles that can be picked up and put down; `Attach` of `messages/plan_request.py` lists them."""
+"""Kinds, with a `position`, that can be picked up and put down; `Attach` of `messages/plan_request.py` lists them."""
 
 
 @dataclass(frozen=True)

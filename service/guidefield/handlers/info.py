@@ -32,7 +32,7 @@ from guidefield.messages.service import CODES
 from guidefield.system import resident
 
 PACKAGES = ("pin", "coal", "numba", "numpy", "eclipse-zenoh", "rerun-sdk", "example-robot-data", "msgspec")
-"""Packages whose versions a bug report should name."""
+"""Packages whose versions a bug report should name; without one of them here a full `info` fails."""
 
 
 @dataclass(frozen=True)

@@ -230,7 +230,7 @@ SHARED_FIELDS = (
 )
 """Fields of a plan request that describe its motion, and that a certify request has, too.
 
-`judgement_of` (without the last one), and the command line to judge a stored run again, copy them: others don't count.
+`judgement_of`, but for `leave_start_contact`, and the command line to judge a stored run again, copy them alone.
 """
 
 

@@ -59,10 +59,10 @@ def _read_file(name: str) -> Scene:
 
 
 MAX_CHANGES = 4 * MAX_VERSIONS
-"""Number of changes after which the files are written again, if the changes are longer than the scene's file."""
+"""Changes after which files are written again (`MAX_VERSIONS` of them stay), if longer than the scene's file."""
 MAX_SHORT_CHANGES = 64 * MAX_VERSIONS
 """The same if they are shorter: to write and read 10,000 boxes takes every process as long as a hundred changes."""
-MAX_READINGS = 5  # number of attempts to read files that another process writes; then they count as damaged
+MAX_READINGS = 5  # attempts, 1 at least, to read files that others write; then they are damaged: `store` deletes them
 
 
 class _SceneFile(msgspec.Struct):

@@ -1,7 +1,7 @@
 """Convert objects of the planning scene: moveit_msgs/CollisionObject to obstacles of ours, and back.
 
-An object has a pose, and shapes and named frames in it. The message's poses are in the object's, and that is in the
-frame of its header. A plane is solid on the side that its normal points away from.
+An object's pose is in its header's frame, its shapes' and named frames' in the object's. A plane is solid on the side
+that its normal points away from. `primitive` reads constraints' regions, too: all but boxes and balls are cylinders.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from guidefield.endpoint.ros.refusals import ObjectRefused, number, placement, p
 from guidefield.geometry.surfaces import wire_pose
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
 
-BOX, SPHERE, CYLINDER = 1, 2, 3  # kinds of shape_msgs/SolidPrimitive that are served; a cone is 4, a prism 5
+BOX, SPHERE, CYLINDER = 1, 2, 3  # kinds of shape_msgs/SolidPrimitive that are served, a new one in constraints.py, too
 LONGEST_NAME = 200  # characters of an object's name; with "/" and a shape's number at most the 256 of our `Name`
 
 Shape = Box | Sphere | Cylinder | Mesh | HalfSpace
