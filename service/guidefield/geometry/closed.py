@@ -156,7 +156,7 @@ docs/certificate.md, robots.md and scenes.md state it, and messages/scene.py for
 """
 
 _WIDTHS = 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 0.17, 0.3, 0.55, 1.0
-"""Shares of the widest crack, tried in turn: the least that closes all is used, lest small triangles collapse."""
+"""Shares of the widest crack, ascending to 1: the first that closes all is used, lest small triangles collapse."""
 
 
 def seams(

@@ -177,7 +177,7 @@ MOST_VERTICES = 192  # a hull with more gives way to a polytope about it with ab
 CLUSTERS = (5, 21, 85)
 """The first nodes on the way down with no more triangles than one of these are its clusters.
 
-Their corners, padded to 16, 64 or 256, are tested as the points of a polytope.
+Their corners, padded to 16, 64 or 256, are tested as a polytope's points; `CLUSTER` of surface_tables.py picks one.
 """
 
 Cluster = tuple[np.ndarray, np.ndarray]  # nodes, shape (k,), and the triangles below each, shape (k, most)

@@ -191,8 +191,8 @@ That begins at an area of 1125 delta^2. Measured on the 43 links of five large a
 limit of a million took, and have 9 % more balls; 30,000 would take 0.39 of it, with 16 % more balls.
 """
 
-LEAST_REACHES = 5.0  # delta has to be at least this many times `Solid.reach`
-MOST_BALLS = 200_000  # a cover that may need more is refused
+LEAST_REACHES = 5.0  # delta has to be at least this many times `Solid.reach`; well above 2, as `cover` takes off two
+MOST_BALLS = 200_000  # a cover that may need more is refused; above `LARGE` of robot/link_bounds.py, or robots are, too
 CHUNK = 30_000  # this many elements are examined together
 _ROUNDING = 1.0 - 1e-9  # which share of delta is used, so that no rounding leads beyond it
 

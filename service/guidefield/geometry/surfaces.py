@@ -1,8 +1,8 @@
 """Triangulated surfaces of shapes in their own frames, boxes and directions of points, and placements.
 
-They are drawn, and charges stand on them; collisions are judged by the exact shapes. A cylinder's prism contains it,
-which covers rely on (`primitive_covers.py`); the surfaces of a sphere and a capsule are inside them, with vertices so
-placed that a capsule fitted to these contains the shape (`robot/link_charges.py`), by which motions are proved.
+They are drawn, and charges stand on them; collisions are judged by the exact shapes. A cylinder's prism contains it, as
+covers need (`primitive_covers.py`). A sphere's and a capsule's vertices are so placed on it that a capsule fitted to
+them, which proves motions (`robot/link_charges.py`), contains it: with over 512, as from 32 `sides` on, it may not.
 
 Products are kernels or sums by hand, because NumPy hands tall ones to BLAS, whose threads cost more than these loops.
 Covers and hulls are chosen by these directions: others give other (as valid) shapes.

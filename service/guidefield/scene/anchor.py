@@ -1,9 +1,9 @@
 """Express requests, replies and scenes relative to an anchor: a point near a robot that is far from the world's origin.
 
 An anchor has whole metres: positions near it are counted from it without rounding, and single precision holds it in
-recordings. A new field of a request or reply with a point of the world has the type `WorldPoint`; with other places in
-the world it has to be added to `_WORLD`, with joint values to `_shift_columns`: what isn't listed there stays as it is,
-and is wrong for robots far away.
+recordings. A new field of a request or reply that is a point of the world has the type `WorldPoint`, never optional;
+other places, messages with some, and configurations have to be added to `_WORLD`, rows of joint values to
+`_shift_columns`: what isn't listed there stays as it is, and is wrong for robots far away.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from guidefield.scene.obstacle_message import points_in
 from guidefield.scene.scene import Scene, build
 
 FAR = 100.0
-"""A robot that is farther from the origin along an axis gets an anchor [m]: single precision resolves 8 um there.
-service/docs/certificate.md states it, together with `NEAR_ORIGIN` of collision/part_tables.py."""
+"""A robot farther from the origin along an axis, or its mobile base from zero, gets an anchor [m]. It must not grow:
+single precision resolves 8 um there, `BAND` is hardly more. service/docs/certificate.md has it, and `NEAR_ORIGIN`."""
 
 COARSE = 16384.0  # from here on a warning mentions single precision, which has steps of more than a millimetre [m]
 

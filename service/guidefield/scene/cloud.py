@@ -129,7 +129,7 @@ def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> Clo
 
 
 MOST_IN_BODIES = 5_000  # most points of a cloud that a robot holds, which become a mesh (`handlers/attached.py`)
-CORNERS = 12  # vertices of the body of each point
+CORNERS = 12  # vertices of the body of each point, the icosahedron of `cloud_surface`: no setting
 
 _MOST_CHARGED = 3_000
 """A cloud of more points has neighbours merged to one charge, because all are summed at every point of the robot;

@@ -1,9 +1,9 @@
 """One obstacle: its message turned into a Coal shape, a triangulation, and its share of the field's charges.
 
 Its parts are made on demand by a `Recipe`, and must all mean one shape; a primitive's row for kernels is made at once
-(`primitive.PLACED`, read by kernels/collide and `distance_tables.py`). A further kind of obstacle needs an entry in
-`BUILDERS` (a primitive in `PRIMITIVES`), and one of the referee's. If it isn't `messages.Placed`, obstacle_message.py,
-anchor.py and prove/tables.py have to move it; if it may have very many numbers, the first has to hash them.
+(`primitive.PLACED`, for kernels/collide, distance_tables.py). A further kind of obstacle needs an entry in `BUILDERS`
+(or `PRIMITIVES`, if its row is known there, its Coal shape in collision), and one of the referee's. If it isn't
+`messages.Placed`, obstacle_message.py, anchor.py and prove/tables.py move it; the first hashes what may be very many.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from guidefield.robot.mesh_files.ply import read_ply
 from guidefield.robot.mesh_files.reading import content_of
 
 MAX_BYTES = 2**30  # a file that unpacks to more bytes is refused, and a larger scene file of any kind (reading.py)
-_HEADER_BYTES = 65_536
+_HEADER_BYTES = 65_536  # in which a PLY file's faces are looked for: a mesh with a longer header counts as a cloud
 _FACES = re.compile(rb"^element[ \t]+(?:face|tristrips)[ \t]+0*[1-9]", re.MULTILINE)
 _WIDTHS = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}  # bytes that a value of each type of PCD may have
 
