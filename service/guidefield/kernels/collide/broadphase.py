@@ -9,7 +9,7 @@ shrink it where a ball inside a body shall prove one.
 
 Drifting rounded boxes are for search trees of streams among moving obstacles: a tree tests a configuration once, not at
 each time, so that a box stands where it will be when the robot could be there at the soonest. Schedules
-(`stream/dodge.py`) are ranked by gaps to them. Both prove nothing; pieces of motion are proven by `kernels/prove`.
+(`stream/dodge.py`) are ranked by gaps to them. Both prove nothing, but kept journals replay by them.
 """
 
 from __future__ import annotations

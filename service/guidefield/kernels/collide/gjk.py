@@ -66,7 +66,7 @@ AXIS, KEPT = 40, 44
 LEAF_A, LEAF_B = 48, 49  # places of the leaves of two bodies that were nearest to each other last, each plus 1, or 0
 STACK, WORK = 64, 512  # place of the stack, and the number of all numbers: room for the levels of two trees, unchecked
 
-ACCURACY = 2e-7  # by how much a distance may be too large [m]: certificates and `prove/closest.py` allow for it
+ACCURACY = 2e-7  # by how much a distance may be too large [m], below `layout.DECISION_BAND`; see `SLACK`
 
 ROUNDS, FEW_ROUNDS = 64, 5
 """Rounds after which GJK ends with what it has (among rounded parts it comes closer by a factor each time), and rounds
@@ -75,7 +75,7 @@ for two nodes that aren't both leaves, where a bound is enough: these, at least 
 
 SLACK = 5e-6
 """Leaves nearer than the nearest known ones by no more than this aren't searched: flat sides have many alike [m].
-Certificates and `prove/closest.py` allow for it."""
+Certificates and `prove/closest.py` allow for it and `ACCURACY`; `prove/tables.NEARLY` is above their sum."""
 
 PLACED = (POINTED_PARTS, int64, DOUBLE_POINTER)  # tables, a node or part in them, the placement of its body
 

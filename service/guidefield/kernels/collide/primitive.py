@@ -1,8 +1,8 @@
 """Primitives: their numbers, masks of sixteen points near one, axes away from it, bounds of many, tables of a scene's.
 
-Two forms: rows of `PRIMITIVE` numbers in float32 for SIMD batches, and `PLACED` of `scene/obstacle.py`, in float64.
-`primitive_tables` writes what `collision/batch/scene_tables.py` has made room for, in the columns of `layout` and
-`parts`. A further kind needs a branch in each function that asks for kinds, here and in `gjk.py`.
+Two forms: rows of `PRIMITIVE` numbers, float32 for SIMD batches, and `PLACED` of `scene/obstacle.py`, float64, of which
+`primitive_tables` fills what `collision/batch/scene_tables.py` made room for, in columns of `layout` and `parts`. For a
+further kind what asks for kinds needs a branch, here, in `gjk.py`, `kernels/distance`, `prove/proof.py`; few refuse it.
 """
 
 from __future__ import annotations

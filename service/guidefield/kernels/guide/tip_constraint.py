@@ -1,7 +1,7 @@
 """The tip's constraint while a robot descends (a plane, with or without an orientation, or a place), and its guard.
 
 `descent.py` and `plane_rounds.py` keep it, and all minimizers the guard; `planner/guide` fills the tables and
-reads the counts by their columns. A kind is the number of rows that `constraint_error` and `constraint_rows` write.
+reads the counts by columns. A kind is how many rows `constraint_error` and `constraint_rows` write: all different.
 """
 
 from __future__ import annotations

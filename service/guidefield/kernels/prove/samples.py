@@ -67,7 +67,7 @@ STEPS = 3
 
 FIRST_REACH = 0.2  # obstacles are first listed within this distance of the robot, above 0, then twice as much [m]
 FARTHEST = 1e10  # no obstacle with an end is farther away [m], so it may only grow: messages allow places within 1e9 m
-ALL_AT_ONCE = 128  # of no more obstacles all are listed at once
+ALL_AT_ONCE = 128  # of no more obstacles all are listed at once: of more pairs than `LIST` samples leave some out
 LIST = 20_000  # pairs listed at a placement, where more aren't measured, or in a segment, which is halved for more
 
 CANDIDATES = 12  # pairs returned of a configuration and kind, at least 1: with more Coal measures all, ties may change

@@ -9,8 +9,8 @@ segment is halved for the pairs that are left.
 What has to be kept is the larger one of the margin and of the smallest distance found so far less the tolerance. As
 segments are judged in their order, the search ends at the first violation, to the resolution. `prove/search.py` and
 `stream/commit.py` call it, with a limit of segments; questions and verdict are rows of `tables`. `ALL_AT_ONCE` and
-`longest` change time and the count of segments, `FINE` and `DEEPEST` where it gives up; `LIST` bounds memory: where
-more pairs stay near in segments however short, nothing is found before time is up.
+`longest` change time and the count of segments, `FINE` smallest distances by at most itself, `DEEPEST` where it gives
+up. `LIST` and it are memory; if more pairs than `LIST` stay near in segments however short, nothing is found in time.
 """
 
 from __future__ import annotations

@@ -137,7 +137,7 @@ OWN_PAIRS, AT_REST, IN_MOTION = 1, 2, 4
 """Kinds of pairs: of the robot itself, with obstacles at rest, and with those that move."""
 
 FREE, IN_CONTACT, TOO_CLOSE, UNDECIDED = range(4)  # reasons; at one place contact comes before too close, as less
-NEARLY = 1e-5  # bodies closer than this are measured by Coal, as kernels find no depth, or count as contact [m]
+NEARLY = 1e-5  # what is closer Coal measures, as kernels find no depth, or is contact [m]: above `SLACK` + `ACCURACY`
 
 
 @uncounted

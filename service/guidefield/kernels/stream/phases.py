@@ -21,7 +21,7 @@ from guidefield.kernels.prove.samples import new_search
 from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
 
 BEGIN, VALUE, VELOCITY, ACCELERATION, JERK = range(5)  # columns of a phase: its begin [s], and the state there
-PHASE = 5  # their number; files of journals have them
+PHASE = 5  # their number; `stream/commit.py` has it as 5, and files of journals have them
 EXACT = 1e-9  # a commit may break a limit of rates or jump by this, for rounding: share of the limit, or [rad or m, s]
 
 MOST_PHASES = 9  # of a coordinate: up to four of a piece, three of braking, one of standing; nothing checks it

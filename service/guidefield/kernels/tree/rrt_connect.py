@@ -152,7 +152,7 @@ in it. Points that differ by so much in each coordinate are sqrt(nv) times as fa
 
 NARROW, WIDER, HALFWAY = 1.5, 1.5, 64
 """Distance of most samples from the paths between roots at first [rad or m], by how much more in the end, and after how
-many motions it is half of that: easy problems end near the path, hard ones lead further round."""
+many motions, above 0, it is half of that: easy problems end near the path, hard ones lead further round."""
 
 LEAST_DOMAIN, DOMAIN_STEP = 1.0, 1e-4
 """Least value of that radius [rad or m], and by which fraction it grows when an extension succeeds, and shrinks when it
@@ -164,7 +164,7 @@ PATIENCE = 16
 BALANCE = 1.0  # a tree that is this many times smaller than the other grows again; else they take turns
 
 STUBBORN, SHORTEST = 2000, 4
-"""Failed extensions of a node after which its next ones are half as long, each time, and how often at most: to a
+"""Failed extensions of a node, at least 1, after which its next are half as long, each time; how often at most: to a
 sixteenth. What holds nearly everything of a length back lets something shorter pass. Sooner, or more gently, costs more
 than it gains."""
 
