@@ -139,7 +139,7 @@ def depth_of(world: World, pair: int) -> float | None:
     return max(0.0, -world.distance(pair)[0])
 
 
-MOST_EXAMINED = 16  # configurations of which pairs are counted for messages and details: by then the commonest is known
+MOST_EXAMINED = 16  # configurations, 1 at least, by which refused goals have pairs and status: the commonest is known
 
 
 @dataclass(frozen=True)

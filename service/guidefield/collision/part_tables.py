@@ -1,8 +1,8 @@
 """Coal shapes as the kernels' convex parts: a primitive or hull is one part, a triangle mesh a tree of triangles.
 
 SIMD batches, proofs and streams measure exact distances by these tables; columns are those of kernels/collide/parts.py,
-and parts have to be the shapes themselves. A further kind of shape needs a branch in `PartsTable.add_shape` and in
-kernels, entries in narrow_phase.py and geometry/distance_bodies.py, for links also in link_bounds.py, link_charges.py.
+and parts have to be the shapes themselves. A further kind of shape needs branches in `PartsTable.add_shape`, kernels,
+entries in narrow_phase.py, distance_bodies.py, recorder/surface.py, for links also in link_bounds.py, link_charges.py.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ CERTIFY_GRACE_S = 0.03
 MOST_PARTS = 64
 """Most parts of a span between knots, by which rows are added until the drawn curve is certified: docs/execution.md."""
 REFINED = 0.5  # twice the rows must leave no more than this share of an excess, or the motion is slowed down. A choice
-MOST_SLOWED = 8  # most times that a motion is slowed down, by 1e-9 more at first, then by ten times that each time
+MOST_SLOWED = 8  # most times, at least 1, that a motion is slowed down, by 1e-9 more, then by ten times that each time
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +236,7 @@ def certify_motion(
 
 
 def slow_down(trajectory: Trajectory, stretch: float, attempt: int) -> Trajectory:
-    """SequenceSegment the time of a motion, by a little more with each attempt, since the rows are elsewhere then."""
+    """Stretch the time of a motion, by a little more with each attempt, since the rows are elsewhere then."""
     factor = stretch * (1.0 + 1e-9 * 10.0**attempt)
     begin = trajectory.times[0]
     times = begin + factor * (trajectory.times - begin)

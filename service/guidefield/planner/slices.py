@@ -41,7 +41,7 @@ class ScheduleSettings:
     """The settings of the search for a schedule along a path."""
 
     rates: int = 8  # rates above 0 that a schedule may have, evenly up to 1. A choice
-    changes: int = 4  # by how many of them it may change in one step at most. A choice
+    changes: int = 4  # by how many of them it may change in one step at most, up to 127. A choice
     braking: float = 2.0  # so much of a rate changes in a step at the acceleration limits at most. A choice
     shortest_step: float = 0.02  # a step lasts at least, and at most, so long [s]. Choices
     longest_step: float = 0.2  # together with the one above

@@ -396,4 +396,4 @@ def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
     return tuple(Attempt(minimizer, step, careful=True) for step in (FIRST_STEP, FIRST_STEP / 2))
 
 
-ATTEMPTS = {"projected": projected, "univariate": univariate}  # by the name that a request gives
+ATTEMPTS = {"projected": projected, "univariate": univariate}  # by `minimizer` of messages/plan_request.py

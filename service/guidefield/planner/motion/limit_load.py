@@ -2,7 +2,7 @@
 
 That plans keep limits of rates rests on `stretch_to_limits`, and on enough `MOST_ROUNDS`: with few of them rounding may
 leave an excess. `STEP` and `ROUNDING` enter the verdict on given and drawn motions, `TOLERANCE` what is refused at ends
-in motion and taken of schedules; what counts as kept is `KEPT_SHARE` of task/motion_limits.py.
+in motion, taken there and as schedules: less than `KEPT_SHARE` - 1 (task/motion_limits.py), which judges motions.
 """
 
 from __future__ import annotations

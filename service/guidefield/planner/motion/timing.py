@@ -11,8 +11,8 @@ tried. So no constant of the timing decides whether limits are kept: they change
 from the path, and the time to find it. `SHORTEST_PIECE` is that of schedules, too; service/docs/algorithm.md repeats
 the last of `PIECES`.
 
-Pieces need some length, so `REPEATED` has to be above 0. A goal within it of the start counts as reached, as
-docs/goals.md says, so it has to be less than goals may be missed by; else first and last waypoint stay bit for bit.
+Pieces need some length, so `REPEATED` has to be above 0. A goal within it of the start counts as reached: docs/goals.md
+repeats the number, and goals may be missed by more; else first and last waypoint stay bit for bit.
 """
 
 from __future__ import annotations

@@ -86,9 +86,9 @@ OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
         Objective.CLEARANCE: dataclasses.replace(BALANCED, weight=0.3, end_weight=30.0, farthest_floor=0.25),
     }
 )
-"""Settings by objective. For `CLEARANCE`, by 56 problems of a Panda, 20 of a UR5 and 13 of a Fetch with
-configurations as goals: with less weight at the ends motions come up to 6 mm nearer than their ends, with more on the
-whole way they take up to five times as long for 2 mm."""
+"""Settings by objective; connect.py has its number of paths. For `CLEARANCE`, by 56 problems of a Panda, 20 of a UR5
+and 13 of a Fetch with configurations as goals: with less weight at the ends motions come up to 6 mm nearer than their
+ends, with more on the whole way they take up to five times as long for 2 mm."""
 
 
 def scale_to_size(settings: OptimizationSettings, size: float) -> OptimizationSettings:

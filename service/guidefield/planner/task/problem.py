@@ -46,7 +46,7 @@ class Counters:
 
 
 class Interpolation(enum.Enum):
-    """Curves that controllers draw; the values are the words of requests."""
+    """Curves that controllers draw, each with a branch in drawn_motion.py; the values are the words of requests."""
 
     LINEAR = "linear"
     CUBIC = "cubic"

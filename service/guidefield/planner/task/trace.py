@@ -1,8 +1,8 @@
 """Events that the planner tells an observer, and their log, from which recordings are drawn.
 
-Packed logs are stored with runs, and hold fields of events and `_KINDS` by their order: a change of these needs another
-`MAGIC` in run_log.py, because a newer version may draw them. So does one of
-`MAX_ITERATIONS`, which chooses the paths that they hold. Words of kinds are those of recordings and logs.
+Packed logs are stored with runs, and hold fields of events and `_KINDS` by their order: a change of these, or of
+`MAX_ITERATIONS`, which chooses their paths, needs another `MAGIC` in run_log.py. Words of kinds are those of recordings
+and logs. A kind with configurations also needs a branch in `StepObserver` (sequence.py), which passes others on as is.
 """
 
 from __future__ import annotations
