@@ -38,7 +38,7 @@ from guidefield.robot.model.joints import ROAM, ROTATION, TRANSLATION, WIND, Loc
 # A prototype's search at it left 14 of 420 paths of a Panda in contact between samples, which a certificate finds
 RESOLUTION = 32.0
 MOST_ITERATIONS = 100_000_000  # samples that a search draws, which cost next to nothing: for safety
-MOST_MOTIONS = 3_000_000  # motions that it judges at most. Unrecorded
+MOST_MOTIONS = 3_000_000  # motions that it judges at most, which bounds the memory of trees, too. Unrecorded
 # between two checks of the deadline, each of which takes some milliseconds at most: iterations that always are, nodes
 # that more iterations may look at, and motions to check
 ITERATIONS_PER_CHECK, NODES_PER_CHECK, MOTIONS_PER_CHECK = 256, 4_000_000, 256

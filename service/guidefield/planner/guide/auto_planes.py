@@ -33,7 +33,7 @@ from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.guide_plane import GuidePlane, axes_across, build, centroid
 
 GRID_SPACING = 0.05  # spacing of the grid in which the tip's path is searched for [m], at size 1. Unrecorded
-MOST_POINTS = 2_000_000  # points of the grid: it is made coarser where it would have more. Unrecorded
+MOST_POINTS = 2_000_000  # points of the grid, in memory: it is made coarser where it would have more. Unrecorded
 LEAST_RADIUS = 0.005  # radius of a tip whose joint carries no body: it passes any gap that the grid sees [m]
 MOST_BETWEEN = 1000  # points that are examined between the start and a goal in its cell of the grid, at most. A choice
 AROUND = 0.3  # distance by which the grid extends beyond obstacles, start and goal [m]. Unrecorded

@@ -60,7 +60,7 @@ LAST_SLIDE = 0.1 / 64
 MOST_SEARCH_STEPS = 4000  # steps of one round of Univariate's. Unrecorded
 INSET = 1.6  # the tip heads for the polygon inset by this many radii of its own
 INSET_KEPT = 0.5  # share of that inset that it keeps while the motion is optimised (optimize/passages.py)
-DIVISIONS = 6  # how often a plane's triangles are divided to see that none of its places is free
+DIVISIONS = 6  # how often a plane's triangles are divided, each into four, to see that none of its places is free
 _ROUNDING = 1e-9  # added to a reach, for rounding [m]
 
 

@@ -104,8 +104,8 @@ class Silent:
         """Ignore the event."""
 
 
-MAX_EVENTS = 20_000  # number of events that are kept; later ones are only counted
-MAX_NODES = 200  # number of nodes of a search tree that a recording shows: the first ones
+MAX_EVENTS = 20_000  # number of events that are kept, in memory and with runs; later ones are only counted
+MAX_NODES = 200  # number of nodes of a search tree that logs keep and a recording shows: the first ones
 MAX_ITERATIONS = 6  # number of steps of an optimisation that a recording shows: of more, as many, evenly chosen
 GROWTH_STEPS = 8  # number of steps of the timeline over which a tree is shown to grow
 
