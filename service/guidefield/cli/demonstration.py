@@ -111,7 +111,7 @@ SCENE = "table"
 SIDE = 0.1  # side of the boxes [m]
 FASTEST = 0.25  # their declared largest speed [m/s]
 LASTS = 16.0  # duration of the demonstration [s]
-PERIOD = 0.02  # time between two updates [s], by the demonstration's own clock
+PERIOD = 0.02  # time between two updates [s], by the demonstration's own clock; as `StreamOpen.period`
 
 
 @dataclass(frozen=True)

@@ -435,7 +435,7 @@ _RULES = {
 """Rules by the first chunk of the key and the number of chunks."""
 
 _HEADS: dict[tuple[str, ...], type[RunHead]] = {("plan",): PlanHead, ("certify",): CertifyHead}
-"""Heads of the requests that make a run, by key."""
+"""Heads of the requests that make a run, by key; `endpoint/endpoint.py` files the run of any but certify as a plan."""
 
 
 def _find_rule(query: Query) -> _Rule:

@@ -26,7 +26,7 @@ from guidefield.messages.values import LONGEST_TIME, JointSetGoal, JointsGoal, P
 # docs/ros.md tells all three
 UNSET_TIME = 1.0  # the planning time if a request has none, as in MoveIt [s]
 REST_SPEED = 1e-3
-"""A joint slower than this at the start is at rest: velocities that a robot measures are never 0 [rad/s or m/s]."""
+"""A joint slower than this at the start, planned or not, is at rest: measured velocities are never 0 [rad/s or m/s]."""
 SOLUTIONS = 8  # number of configurations that are searched at each of several poses
 
 
