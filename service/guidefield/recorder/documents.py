@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 MESSAGE_COMPONENT = "message"  # the component of a document's entity that holds the message itself
 COMPRESSION_LEVEL = 1  # of zlib: higher ones take three times as long and save nothing on numbers
-LARGEST_MESSAGE = 1 << 28  # maximum size of an unpacked message that is read from a recording, older ones too [bytes]
+LARGEST_MESSAGE = 1 << 28  # larger ones are written, but not read back: no less than `message` of docs/wire.md [bytes]
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 

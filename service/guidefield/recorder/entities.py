@@ -1,7 +1,7 @@
 """The entities of a recording: obstacles and guide planes; the robot's links over time, its tip, ghosts and forces.
 
 Stores share drawn scenes by a hash that includes this file (`stored.py`); `view.py` shows entities by their names.
-Numbers and colours here change pictures, file size and drawing time alone.
+Numbers and colours here change pictures, drawing time and file size (`LARGEST_RECORDING` of rendering.py) alone.
 """
 
 from __future__ import annotations
@@ -209,7 +209,7 @@ PRIMITIVES: dict[type, tuple[str, Callable[[list[Any], np.ndarray], Callable[...
 """Name of the entity and the function that draws it, by Coal shape; placements are rows of position and quaternion."""
 
 
-MOMENTS = 13  # configurations at which forces are shown, of those at which the robot is shown
+MOMENTS = 13  # configurations at which forces are shown, of those at which the robot is shown; at least 1
 LONGEST_ARROW = 0.25  # length of the arrow of the largest force of a recording, at size 1 [m]
 FORCE_DECADES = 2.0  # powers of ten of force that the colours of points and the lengths of arrows tell apart
 RESOLUTION = 80  # pixels along the longer side of the picture

@@ -1,6 +1,6 @@
 """Send a recording to a running Rerun viewer while its run or stream goes on; nothing waits for the viewer.
 
-`run.py` uses `LiveRun`, `stream/shown.py` a `Channel` of its own. Numbers here decide how much a viewer is shown.
+`run.py` uses `LiveRun`, `stream/shown.py` a `Channel`. Numbers decide how much is drawn, waits in memory and is shown.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
 from guidefield.viewer import is_listening
 
-STEP_INTERVAL_S = 0.05  # shortest time between two of the planner's steps that are sent [s]
+STEP_INTERVAL_S = 0.05  # shortest time between two of the planner's steps that are drawn and sent [s]
 MAX_PENDING = 8  # steps are left out while this many parts wait to be sent
-MAX_BACKLOG = 64  # parts of all recordings that wait to be sent; further ones aren't shown
+MAX_BACKLOG = 64  # parts that wait to be sent, each maybe a whole recording of MBs in memory; further ones aren't shown
 
 _backlog = threading.BoundedSemaphore(MAX_BACKLOG)
 

@@ -3,7 +3,7 @@
 `run.py` calls `record_plan` and `record_judgement`; a new entity has to be placed in a view (`view.py`), too.
 
 The planner's work is drawn over the timeline of steps: its log, steps, trees, and the motion as it was optimised.
-Colours and numbers of what is drawn may be changed; they cost file size and drawing time alone.
+Colours and numbers (counts: from 1) may change; they cost time and file size (`LARGEST_RECORDING` of rendering.py).
 """
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ def _values(chunk: Chunk, component: str) -> list[Any]:
 
 
 FOLDER = "runs-scenes"  # name of the folder of scenes' files, beside that of the robots
-UNUSED_S = 3600.0  # age from which a scene's file without a link is deleted [s]
+UNUSED_S = 3600.0  # age from which a scene's file without a link is deleted, long after its writer linked it [s]
 
 
 @dataclass(frozen=True, eq=False)

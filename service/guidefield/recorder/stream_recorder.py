@@ -1,6 +1,6 @@
 """Record a stream: how robot and obstacles moved, where the robot would have stopped, latency and reasons.
 
-`stream/shown.py` writes it from a journal, or sends it to a viewer in parts.
+`stream/shown.py` writes it from a journal, or sends it to a viewer in parts. `_figures` has the values of `PLOTS`.
 """
 
 from __future__ import annotations

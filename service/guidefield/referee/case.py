@@ -157,7 +157,7 @@ def lines(verdict: Verdict, rests_on: str = "distances") -> Iterator[str]:
 
 SLACK, ROUNDING = 1e-6, 1e-9
 """Excess that is allowed, as docs/certificate.md says: share of a rate's limit; beyond one of position [rad or m]."""
-DIGITS = 4e-15  # relative error of double precision, summed up over a few operations
+DIGITS = 4e-15  # relative error of double precision, summed up over a few operations; more lets more jumps pass
 KINDS = ("position", "velocity", "acceleration", "jerk")
 HALVINGS = 60  # of a span in which a rate's zero is: down to rounding
 AT_ONCE = 2000  # pieces whose extremes are found together

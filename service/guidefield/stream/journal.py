@@ -31,7 +31,7 @@ from guidefield.stream.stream import CertifiedStream, GoalSearch
 
 ENDING = ".stream"  # of the files, of those on disk, too: with another one they aren't found; again in cli/found_run.py
 FILE_BYTES = 8 << 20  # entries' size at which a file ends [bytes] (docs/stream.md); at twice it a path is planned anew
-MOST_FILES = 16  # files kept of a stream; the oldest are dropped first (docs/stream.md)
+MOST_FILES = 16  # newest files kept of a stream (docs/stream.md); it and `MOST_KEPT` divide a user's quota
 MOST_WAITING = 2_000  # entries that may wait to be written; with more the file ends. 0 would be no bound
 RETRY_AFTER = 10.0  # time from a refusal of the disk to the begin of another file [s]
 LONGEST_ENTRY = 1 << 30  # a length beyond this means that the file is damaged [bytes]
@@ -264,7 +264,7 @@ def entries_of(file: Path) -> Iterator[Entry]:
             yield _decoder.decode(payload)
 
 
-MOST_KEPT = 8  # streams kept of a user, an open one among them (docs/stream.md)
+MOST_KEPT = 8  # streams kept of a user (docs/stream.md): no fewer than one has open, or journals of open ones go
 
 
 def file_bytes(most: int | None) -> int:

@@ -29,7 +29,7 @@ from guidefield.stream.path_planner import INSIDE, NOTHING, BackgroundPlanner, P
 from guidefield.stream.settings import STREAM, WITHIN
 from guidefield.stream.state import Event, Phase, Pursuit, State
 
-GOAL_TOLERANCE = 1e-6  # a configuration this close to a goal has reached it [rad or m]
+GOAL_TOLERANCE = 1e-6  # a goal this close is reached [rad or m]: above `WITHIN` of settings.py, for goals at limits
 TRAVELLED_IN = 20  # parts in which the travel of the robot is bounded, before what appears can have come
 
 LeadsTo = Literal["goal", "away"]  # the direction of a piece, as `Piece.leads_to` has it

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WITHIN = 1e-7  # share of limits of rates, and distance from those of position [rad or m], left to pieces for rounding
+WITHIN = 1e-7  # share of limits of rates, distance from those of position [rad or m], left free; below `GOAL_TOLERANCE`
 RISE = 0.05  # time in which the acceleration reaches its limit where no jerk limit is given: messages promise it [s]
 
 

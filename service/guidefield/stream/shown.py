@@ -277,8 +277,8 @@ def _body(one: _TrackedBody, origin: Vector3) -> MovingBody:
     return MovingBody(built, times, placements, np.array(one.appears), np.array(one.gone))
 
 
-SHOWN_INTERVAL_S = 0.1  # time between two parts of the recording that are sent [s]
-MAX_WAITING = 2_000  # updates kept for a viewer that takes none: with more, the stream isn't shown any more
+SHOWN_INTERVAL_S = 0.1  # between parts drawn, beside the stream, and sent [s]: less than `MAX_WAITING` updates take
+MAX_WAITING = 2_000  # updates that wait for it, or for a viewer: with more, the stream isn't shown any more
 
 _log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ _MARKS: dict[str, re.Pattern[bytes]] = {
     ".ply": re.compile(rb"ply\r?\n"),
     ".stl": re.compile(rb"\s*solid\b[^\0]*\bfacet\s+normal\b", re.IGNORECASE),
 }
-"""How files of each kind begin."""
+"""How files of each kind begin; if that of the suffix doesn't fit, the first that does counts; scene files, too."""
 
 MESH_SUFFIXES = tuple(_MARKS)  # kinds of mesh files that are read
 

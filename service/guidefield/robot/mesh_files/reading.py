@@ -1,7 +1,7 @@
 """Read mesh files of any kind (OBJ, OFF and STL here), vertices at one place merged, in metres, scaled by the URDF.
 
 Collision, drawing and cases for the referee use this reader. A further kind needs an entry in `READERS`, its mark in
-kinds.py, and entries in sent_meshes.py if clients may send it.
+kinds.py, branches in `companions`, `unit_of`, `up_axis`, Assimp to know it, and entries in sent_meshes.py if sent.
 """
 
 from __future__ import annotations

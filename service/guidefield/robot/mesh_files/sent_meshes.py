@@ -32,7 +32,7 @@ MAX_MESH_BYTES = 32 * 2**20
 MESHES = (".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Kinds of mesh file that are taken from a client; a .3mf is a packed archive and isn't."""
 COMPANIONS = (".bin", ".bmp", ".jpeg", ".jpg", ".mtl", ".png", ".tga")
-"""Kinds of file that a mesh may name; their suffix counts alone, and none is read as a mesh."""
+"""Kinds of file that a mesh may name (`_NAMED` says which); their suffix counts alone, none is read as a mesh."""
 _IMAGES = (".bmp", ".jpeg", ".jpg", ".png", ".tga")
 _NAMED = {".dae": _IMAGES, ".gltf": (".bin", *_IMAGES), ".mtl": _IMAGES, ".obj": (".mtl",), ".ply": _IMAGES}
 """Kinds of file that each kind may name: a reader takes a named file for what belongs there, whatever its suffix."""

@@ -27,7 +27,7 @@ from guidefield.robot.model.model import RobotModel
 CLAMP_TOLERANCE = 1e-5 + 1e-11
 """A value beyond its limit by at most this [rad or m] is clamped, with a warning: 1e-5, and room for rounding.
 
-The docs promise it. Motions themselves are held to `LIMIT_TOLERANCE` of prove/verdict.py, which is far less.
+The docs promise it. SRDF states (rests) and streams' goals keep it, motions `LIMIT_TOLERANCE` of prove/verdict.py.
 """
 
 LENGTHS = {JointKind.PLANAR: 3, JointKind.SPHERICAL: 4, JointKind.FLOATING: 7}

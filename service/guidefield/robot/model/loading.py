@@ -67,12 +67,12 @@ NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more represents none [rad/s 
 TIME_TO_SPEED = 0.5  # default acceleration limits let a joint reach its velocity limit in this time [s]
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
 """Limits beyond this stand for none, and are taken for it [rad or m]: a motion of millions of turns could not be
-certified."""
+certified. They are below `LARGEST_VALUE` of joints.py."""
 
 ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
 VIRTUAL_ROOTS = {"planar": "planar", "floating": "free"}
-"""Root joint that a virtual joint of an SRDF means, by its type."""
+"""Root joint that an SRDF's virtual joint means, by its type. Catalog, model.py and referee have tables of roots."""
 
 KINDS = {
     **{f"JointModelR{axis}": JointKind.REVOLUTE for axis in ("X", "Y", "Z", "evoluteUnaligned")},
@@ -82,7 +82,7 @@ KINDS = {
     "JointModelSpherical": JointKind.SPHERICAL,
     "JointModelFreeFlyer": JointKind.FLOATING,
 }
-"""Kind of joint by Pinocchio's name of it."""
+"""Kind of joint by Pinocchio's name of it; a further name needs a row in `CODES` of model.py, too."""
 
 SAME_PLACEMENT = 1e-6  # placements of links that differ by more than this [m, or 1] are not the same
 MAX_REMARKS = 5  # differences that get a sentence each; the others are counted
