@@ -42,7 +42,7 @@ GAZEBO_MODELS = {
     ),
 }
 """Models that come with Gazebo and that most worlds include: a phrase for the warning, and the model itself as SDF."""
-MAX_DEPTH = 32  # models nested or included deeper are refused
+MAX_DEPTH = 32  # models nested or included deeper are refused; some hundreds would exhaust Python's stack
 OWN = ("", "__model__", "__root__", "world")  # names of the frame of a world or model itself; of a model the first two
 
 
