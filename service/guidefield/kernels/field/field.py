@@ -2,8 +2,7 @@
 
 `geometry/charged.py` and `far_tree.py` write the tables. Clusters of charges are far nodes of trees, which count by
 their multipole expansion beyond their reach. A kind of charge has a branch in `_with_forms` and in
-`_with_form_potentials`, which are the same sum, and a line in `single_precision`, which moves the position that each
-row begins with.
+`_with_form_potentials`, which are the same sum, and a line in `single_precision`, which moves all places in its rows.
 """
 
 from __future__ import annotations
@@ -139,7 +138,7 @@ def frozen(values: np.ndarray) -> np.ndarray:
 
 MATRIX_32_OUT = types.Array(types.float32, 2, "C")
 
-LANES = 16  # points come in multiples of it: the longest vector, `LANES` of simd/vector_model.py; no setting
+LANES = 16  # points come in multiples of it: the longest vector, `LANES` of simd/vector.py; no setting
 
 
 class Field(NamedTuple):
