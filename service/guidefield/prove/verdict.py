@@ -43,7 +43,7 @@ LIMIT_TOLERANCE = 1e-9  # a motion's coordinate may be this much beyond its limi
 
 
 class Reason(enum.Enum):
-    """The reason of a verdict; the values are the words of replies."""
+    """The reason of a verdict; values are words of replies, with sentences in handlers/certify.py."""
 
     FREE = "free"
     """No pair touches, and all conditions hold, all along the motion."""
