@@ -266,7 +266,7 @@ class _Answerer:
 
     def _settle_goals(self) -> None:
         for number, (search, encoding) in list(self._searches.items()):
-            if not search.found.done():  # goals are taken in the order in which they were asked for
+            if not search.found.done():  # goals are taken in the order of their queries
                 return
             os.read(self._woken, 1)
             del self._searches[number]

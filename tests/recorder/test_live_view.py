@@ -209,7 +209,7 @@ def test_a_stream_keeps_no_more_than_some_updates_for_a_viewer_that_takes_nothin
         shown = LiveStream("rerun+http://127.0.0.1:1/proxy", stream)
         for cycle in range(50):
             shown.begin_update()
-            shown.updated(StreamUpdate(0.02 * cycle, []), None, None, noted=True, took=False)
+            shown.end_update(StreamUpdate(0.02 * cycle, []), None, None, noted=True, took=False)
             assert len(shown._waiting) < 20
     assert [one.message for one in caplog.records if "isn't shown any more" in one.message] != []
     assert shown._waiting == []

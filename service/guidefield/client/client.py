@@ -145,7 +145,7 @@ class Client:
 
         Raises:
             MalformedRequest: if it isn't a plan request, or a request and fields are given.
-            RequestTooLarge: if it is too long to be looked at.
+            RequestTooLarge: if it is too long to be served.
             ServerBusy: if too much waits already.
             WorkerCrashed: if the process that worked on it died; the service lives on.
             GuidefieldError: whatever else is ill-posed about it, as `errors.py` lists.

@@ -144,7 +144,7 @@ MOST_EXAMINED = 16  # configurations, 1 at least, by which refused goals have pa
 
 @dataclass(frozen=True)
 class BlockingPairs:
-    """How often pairs touched at the configurations looked at, the most frequent first."""
+    """The number of examined configurations at which each pair touched, the most frequent first."""
 
     looked_at: int
     counts: dict[PairNames, int]
@@ -243,7 +243,7 @@ def _deepest(world: World, touching: Sequence[tuple[np.ndarray, int]]) -> float 
     return max((depth for depth in depths if depth is not None), default=None)
 
 
-FIRST_REACH = 0.1  # obstacles are looked for within this of the robot first, then within twice as much [m], at size 1
+FIRST_REACH = 0.1  # the search for obstacles begins within this distance of the robot, then doubles it [m], at size 1
 DIRECTED = 1e-9  # closest points nearer to each other than this, above 0, tell no direction: no gradient [m]
 HULL_ACCURACY = 1e-6  # how far off Coal's distance of two hulls may be [m]
 

@@ -185,10 +185,10 @@ def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
     exceeded = {name: use for name in RATES if not (use := getattr(judgement.uses, name)).is_within}
     if not exceeded:
         efforts = judgement.efforts
-        if efforts is not None and (beyond := efforts.exceeded) is not None:
+        if efforts is not None and (beyond := efforts.excess) is not None:
             where = describe_place(*_measured_at(problem, beyond.reached.time))
             return Ending(Status.INVALID_MOTION_PLAN, *beyond.describe_excess(where))
-        in_space, excess = next((use, excess) for use in judgement.cartesian if (excess := use.exceeded) is not None)
+        in_space, excess = next((use, excess) for use in judgement.cartesian if (excess := use.excess) is not None)
         where = describe_place(*_measured_at(problem, excess[2].time))
         return Ending(Status.INVALID_MOTION_PLAN, *in_space.describe_excess(where))
     name, use = max(exceeded.items(), key=lambda item: np.inf if item[1].share is None else item[1].share)
@@ -339,10 +339,10 @@ def answer_certify(
     problem = dataclasses.replace(problem, observer=recording or Silent())
     load_seconds, waited = time.monotonic() - began, seconds_waited()
     stages = Stages(problem)
-    with stages.entered("certify", "on the exact geometry, between rows too") as stage:
+    with stages.enter("certify", "on the exact geometry, between rows too") as stage:
         judgement = judge(problem, uses)
         stage.outcome = judgement.verdict.reason.value
-    with stages.entered("measure", "the smallest distances along the motion"):
+    with stages.enter("measure", "the smallest distances along the motion"):
         found = measure_clearances([(_motion(problem), problem)])
         if request.proof:
             certified = judgement.verdict.free and judgement.within_limits

@@ -150,7 +150,7 @@ def _optimize_path(
             time_path_ignoring_jerk(resting, path, resting.motion_limits)
         )  # its time isn't scaled in the end
 
-    with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
+    with stages.enter("parameterize", "as fast as the limits allow along the path") as stage:
         motion = time(found.path)
         stage.outcome = f"{motion.duration:.3f} s"
     others = map(time, found.others)
@@ -167,7 +167,7 @@ def time_through_planes(problem: Problem, found: PathSoFar, path: LocalPoints) -
 def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
     crossed, finished = CrossedPlanes.of(problem, found.path, found.crossings), None
     for repair in range(REPAIRS + 1):
-        with stages.entered("parameterize", "as fast as the limits allow, round the corners") as stage:
+        with stages.enter("parameterize", "as fast as the limits allow, round the corners") as stage:
             made = _round_corners(problem, found.path, crossed, 2**repair)
             stage.outcome = LOST if made is None else f"{made[0].duration:.3f} s"
         if made is None:
@@ -175,7 +175,7 @@ def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> Certifie
         finished = certify_motion(problem, *made, stages)
         if finished.verdict.free or _is_hopeless(problem, found.path, finished) or problem.deadline.expired():
             return finished
-    with stages.entered("parameterize", "as fast as the limits allow, with a stop at each corner") as stage:
+    with stages.enter("parameterize", "as fast as the limits allow, with a stop at each corner") as stage:
         trajectory, knots = time_path_with_stops(problem, found.path)
         stage.outcome = f"{trajectory.duration:.3f} s"
     stopping = certify_motion(problem, trajectory, {plane: knots[at] for plane, at in found.crossings.items()}, stages)
@@ -197,7 +197,7 @@ def _blend(
     for share in BLENDS:
         if problem.deadline.expired():
             break
-        with stages.entered("parameterize", f"{share:.0%} of the way to the refused motion") as stage:
+        with stages.enter("parameterize", f"{share:.0%} of the way to the refused motion") as stage:
             motion = time_path(problem, cast(LocalPoints, near + share * (far - near)))
             stage.outcome = f"{motion.duration:.3f} s"
         if certified.trajectory is None or motion.duration >= certified.trajectory.duration:
@@ -225,7 +225,7 @@ def _is_hopeless(problem: Problem, path: LocalPoints, finished: CertifiedMotion)
     verdict = finished.verdict
     if verdict.piece is None or len(path) < 2:
         return True
-    assert finished.trajectory is not None, "it was judged"
+    assert finished.trajectory is not None, "its verdict names a piece"
     place = finished.trajectory.bezier()[verdict.piece].mean(axis=0)
     return _find_refused_place(problem, _find_nearest(path, place), verdict.reason)
 
@@ -298,7 +298,7 @@ def moving_ends(problem: Problem, goals: LocalPoints, stages: Stages) -> MovingE
         StageFailed: START_STATE_INVALID or GOAL_STATE_INVALID, with the joint that can't keep its limits, or can't stop
             in time, and why.
     """
-    with stages.entered("ends", "out of the start's velocities, into the goal's") as stage:
+    with stages.enter("ends", "out of the start's velocities, into the goal's") as stage:
         _require_within(problem, _START, problem.start_rates, problem.start_acceleration)
         _require_within(problem, _GOAL, problem.end_rates, None)
         _require_within_whole(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)

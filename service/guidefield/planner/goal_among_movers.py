@@ -124,7 +124,7 @@ class _Search:
 
     def by_quick_paths(self, through: Through) -> CertifiedMotion | None:
         """The motion along the path that is arrived on first, of those that a few motions find; None without any."""
-        with self._stages.entered("connect", "ways to the goal, and when each can be gone") as stage:
+        with self._stages.enter("connect", "ways to the goal, and when each can be gone") as stage:
             estimates = list(self._estimates(find_quick_paths(self._problem, through)))
             stage.outcome = f"{len(estimates)} ways can be gone"
         return self._first(estimates)
@@ -133,7 +133,7 @@ class _Search:
         """The motion by a place to wait at, where the robot may not wait where it starts; None without any."""
         if self.leave_by[0] == np.inf or self._problem.deadline.expired():
             return None
-        with self._stages.entered("connect", "ways by places to wait at") as stage:
+        with self._stages.enter("connect", "ways by places to wait at") as stage:
             paths = find_detours(self._problem, through, self._slices, self.leave_by[0])
             estimates = list(self._estimates(paths))
             stage.outcome = f"{len(estimates)} ways can be gone"
@@ -297,7 +297,7 @@ class _Search:
             return made if made.verdict.free and self._from(finished.trajectory.positions[-1]) <= 0.0 else None
         occupancy = self._occupancy(finished.trajectory, at_rest=at_rest)
         for _ in range(1 + SCHEDULE.repairs):
-            with self._stages.entered("parameterize", "when to be where, among what moves") as stage:
+            with self._stages.enter("parameterize", "when to be where, among what moves") as stage:
                 schedules = self._earliest(finished.trajectory, occupancy, SCHEDULE.rooms)
                 motions = ((one, retime(self._problem, one)) for one in schedules)
                 within = ((one, motion) for one, motion in motions if motion is not None and not self._exceeds(motion))

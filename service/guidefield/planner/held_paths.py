@@ -102,7 +102,7 @@ def connections(
     for prove in (False, True):
         if prove:
             problem.tell(Note("the motion was not certified: the connection is certified before it is made one again"))
-        with stages.entered("connect", f"{words}{', certified' if prove else ''}") as stage:
+        with stages.enter("connect", f"{words}{', certified' if prove else ''}") as stage:
             connected = connect_to_goal(problem, found, goals, stage, prove=prove)
         yield connected
         if connected.proven or connected.failure is not None or problem.deadline.expired():

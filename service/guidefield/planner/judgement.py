@@ -62,8 +62,8 @@ class Judgement:
         """True if no rate exceeds its limit."""
         uses = self.uses
         rates = all(use.is_within for use in (uses.velocity, uses.acceleration, uses.jerk))
-        kept = self.efforts is None or self.efforts.exceeded is None
-        return rates and kept and all(use.exceeded is None for use in self.cartesian)
+        kept = self.efforts is None or self.efforts.excess is None
+        return rates and kept and all(use.excess is None for use in self.cartesian)
 
 
 def judge(problem: GivenProblem, uses: LimitUses) -> Judgement:

@@ -69,7 +69,7 @@ def leave_contacts(problem: Problem, stages: Stages) -> LeftContact | None:
     contacts = tuple(contacts_at(problem.world_at(0.0), problem.group.expand_from_local(problem.z_start)))
     if not contacts:
         return None
-    with stages.entered("ends", "out of the contact at the start") as stage:
+    with stages.enter("ends", "out of the contact at the start") as stage:
         for one in contacts:
             if one.depth is not None and one.depth > SLIGHT_DEPTH:
                 raise _make_refusal(one, f"deeper than the {1000 * SLIGHT_DEPTH:.0f} mm that can be planned away from")

@@ -221,7 +221,7 @@ def certify_motion(
     Args:
         crossings: By index of each guide plane that was reached, the index of its knot.
     """
-    with stages.entered("certify", message) as stage:
+    with stages.enter("certify", message) as stage:
         verdict = judged_by(problem, trajectory)
         for attempt in range(MOST_SLOWED if problem.execution is not None and not problem.in_motion else 0):
             stretch = choose_execution(problem, trajectory).stretch
@@ -245,7 +245,7 @@ def slow_down(trajectory: Trajectory, stretch: float, attempt: int) -> Trajector
 
 def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
     """Return the motion of a stage that failed, certified as far as it goes."""
-    with stages.entered("certify", "the motion as far as it got") as stage:
+    with stages.enter("certify", "the motion as far as it got") as stage:
         pieces, times = found.bezier(), found.piece_times()
         deadline = problem.deadline.at_least(CERTIFY_GRACE_S)
         verdict = find_enclosed_start(problem, pieces[0, 0]) or certify(
@@ -272,11 +272,11 @@ def find_excess(conditions: Conditions, motion: Trajectory | SubmittedMotion | N
     if motion is None or not (conditions.cartesian_limits or conditions.effort_limit):
         return None
     for use in speeds_along(motion, conditions.cartesian_limits):
-        if (excess := use.exceeded) is not None:
+        if (excess := use.excess) is not None:
             message, details = use.describe_excess(f"{excess[2].time:.6g} s")
             return Ending(Status.INVALID_MOTION_PLAN, f"no motion within limits was found: {message}", details)
     limit = conditions.effort_limit
-    beyond = None if limit is None else efforts_along(motion, conditions.group, limit).exceeded
+    beyond = None if limit is None else efforts_along(motion, conditions.group, limit).excess
     if beyond is None:
         return None
     message, details = beyond.describe_excess(f"{beyond.reached.time:.6g} s")

@@ -108,7 +108,7 @@ def optimize_motion(
     touched: list[TouchedPoint] = []
     heaviest = presets.HEAVIER_LOADS**2 * settings.load_weight
     for attempt in range(2 + MAX_RETRIES):
-        with stages.entered("relax", message) as stage:
+        with stages.enter("relax", message) as stage:
             optimized = optimize(problem, begun, settings, others, crossed.passages, None, *between, touched)
             stage.outcome = optimized.outcome.value
         if optimized.outcome is Outcome.NOT_WITHIN:

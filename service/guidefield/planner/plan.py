@@ -60,10 +60,10 @@ def cross_planes(
         if passed_by and index < problem.derived_planes:
             continue
         if problem.path_constraints:  # which the field's steps would leave
-            with stages.entered("connect", f"to guide plane {plane.name}", index) as stage:
+            with stages.enter("connect", f"to guide plane {plane.name}", index) as stage:
                 along = connect_to_plane(problem, found, found, index, stage)
         else:
-            with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
+            with stages.enter("guide", f"to guide plane {plane.name}", index) as stage:
                 along = _approach(problem, found, plane, index, attempts, stage)
         failure = along.failure
         if failure is None:
@@ -76,7 +76,7 @@ def cross_planes(
         elif problem.path_constraints:
             return along
         else:
-            with stages.entered("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:
+            with stages.enter("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:
                 found = connect_to_plane(problem, found, along, index, stage)
             if found.failure is not None:
                 return found
@@ -112,7 +112,7 @@ def find_goals_behind_planes(
     """
     assert isinstance(problem.goal, TipGoal)
     group, target = problem.group, problem.goal.target
-    with stages.entered("guide", "to the place of the goal's pose") as stage:
+    with stages.enter("guide", "to the place of the goal's pose") as stage:
         here = found.path[-1]
         square = _make_square(problem, here, np.asarray(target.placement.translation))
         along = _approach(problem, found, square, len(problem.guide_planes), attempts, stage)
@@ -264,7 +264,7 @@ def _plan_in_motion(problem: Problem, goals: LocalPoints, stages: Stages) -> Cer
 
 def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> LocalPoints | None:
     """Local coordinates of the goal; None where a plane is the goal, or its pose is searched for behind the planes."""
-    with stages.entered("ends", "start and goal") as stage:
+    with stages.enter("ends", "start and goal") as stage:
         check_start(problem.at(0.0))
         try:
             goals = find_goal_points(problem.at(problem.scene.end))

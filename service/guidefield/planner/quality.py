@@ -315,7 +315,7 @@ class _Samples(NamedTuple):
 def _with_enclosure(found: SmallestDistance, inside: list[int], time: float, world: World) -> SmallestDistance:
     """The smallest distance along a motion, given the pairs one of whose bodies is inside the other when it begins.
 
-    What is inside stays there until it touches, so that nothing else of the motion has to be looked at.
+    What is inside stays there until it touches, so the rest of the motion need not be examined.
     """
     if not inside or found.distance <= 0.0:
         return found

@@ -109,7 +109,7 @@ class Occupancy:
         return min(int(np.searchsorted(self.at, time, side="right")) + 1, self.count)
 
     def _near(self, block: int) -> np.ndarray:
-        """Cells that aren't free all along in some slices together: others needn't be looked at in each of them."""
+        """Cells that aren't free all along in some slices together: others are skipped in each of them."""
         if block not in self._blocks:
             reached = self._find_reached((block + 1) * SCHEDULE.together - 1)
             touching = self.slices.touching(block, self._zs[:reached], SCHEDULE.together)

@@ -178,7 +178,7 @@ def from_time(path: str, time: float, *archetypes: Any) -> Chunk:
     return Chunk.from_columns(path, [path_times(np.array([time]))], _single_row(archetypes))
 
 
-def timed(path: str, times: Iterable[rr.TimeColumn], columns: Iterable[rr.ComponentColumn]) -> Chunk:
+def timed_chunk(path: str, times: Iterable[rr.TimeColumn], columns: Iterable[rr.ComponentColumn]) -> Chunk:
     """Make a chunk of an entity with one row for each of n times."""
     return Chunk.from_columns(path, times, columns)
 

@@ -38,7 +38,7 @@ from guidefield.recorder.chunks import (
     rgba,
     rgba32,
     still,
-    timed,
+    timed_chunk,
 )
 from guidefield.recorder.motion import Poses, ShownMotion, link_placements
 from guidefield.recorder.surface import Surface
@@ -103,7 +103,9 @@ def _walls(members: Sequence[tuple[Obstacle, Color]]) -> Chunk:
         corners = one.vertices[one.triangles].reshape(-1, 3).astype(np.float32)
         spanned = np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3])
         normals = np.repeat(spanned / np.linalg.norm(spanned, axis=1, keepdims=True), 3, axis=0).astype(np.float32)
-        parts.append(Surface(corners, np.arange(len(corners), dtype=np.uint32).reshape(-1, 3), normals).colored(color))
+        parts.append(
+            Surface(corners, np.arange(len(corners), dtype=np.uint32).reshape(-1, 3), normals).with_color(color)
+        )
     return still(
         "/obstacles/walls", bodies.mesh(surface.join(parts)), rr.AnyValues(names=[one.name for one, _ in members])
     )
@@ -121,7 +123,7 @@ def moving(all_of_them: Sequence[Obstacle], times: np.ndarray) -> Iterator[Chunk
             continue
         moved = [pin.SE3ToXYZQUAT(one.placement_at(time) * one.placement.inverse()) for time in times.tolist()]
         columns = make_columns(rr.Transform3D, translation=np.array(moved)[:, :3], quaternion=np.array(moved)[:, 3:])
-        yield timed(single(one.name), [path_times(times)], columns)
+        yield timed_chunk(single(one.name), [path_times(times)], columns)
 
 
 def obstacle_color(obstacle: Obstacle, number: int) -> Color:
@@ -240,7 +242,7 @@ def charges(
         yield in_its_frame
         own = joints == joint
         shown = make_columns(rr.Points3D, np.full(len(points), own.sum()), colors=colors[:, own].ravel())
-        yield timed(in_its_frame.entity_path, [column], shown)
+        yield timed_chunk(in_its_frame.entity_path, [column], shown)
     of_links = RobotField(group, EMPTY_SCENE)
     on_links = np.array([of_links.evaluate(q).wrenches[:, :3] for q in configurations])[:, moved]
     on_links += np.stack([forces[:, joints == joint].sum(axis=1) for joint in moved], axis=1)
@@ -307,7 +309,7 @@ def _arrows(forces: np.ndarray, origins: np.ndarray, column: rr.TimeColumn, robo
         colors=np.full(sizes.size, rgba32(ARROW_COLOR)),
         radii=np.full(sizes.size, 0.004 * robot_size),
     )
-    return timed("/field/forces", [column], columns)
+    return timed_chunk("/field/forces", [column], columns)
 
 
 GHOSTS = 6  # configurations shown along the motion, both ends included
@@ -342,7 +344,7 @@ def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np
     )
     each = np.concatenate([np.repeat(times[:1], len(fixed)), np.repeat(times, len(moved))])
     column = path_times(each) if timeline == PATH_TIME else rr.TimeColumn(timeline, sequence=each)
-    return timed("/robot/model/frames", [column], columns)
+    return timed_chunk("/robot/model/frames", [column], columns)
 
 
 @memoized_for_alike

@@ -40,7 +40,7 @@ from guidefield.planner.task.trace import (
 from guidefield.potential import origin_of
 from guidefield.recorder import bodies, entities
 from guidefield.recorder.bodies import Drawn
-from guidefield.recorder.chunks import PATH_TIME, STEP, Color, make_columns, path_times, rgba, still, timed
+from guidefield.recorder.chunks import PATH_TIME, STEP, Color, make_columns, path_times, rgba, still, timed_chunk
 from guidefield.recorder.documents import JudgedRun, PlanRun, Run, document_judgement, document_plan
 from guidefield.recorder.motion import (
     Curves,
@@ -79,7 +79,7 @@ def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
     """Draw a line of the log per event, with the milliseconds since the planning began, and one with the outcome."""
     planes = [plane.name for plane in reply.guide_planes]
     lines = [_line(event, 1e3 * seconds, planes) for event, seconds in zip(log.events, log.seconds, strict=True)]
-    numbers = [number for number, _ in log.numbered()]
+    numbers = [number for number, _ in log.number_events()]
     if log.dropped:
         lines.append(("WARN", f"{log.dropped} more events were not kept", (230, 160, 60, 255)))
     good = reply.status.code == Status.SUCCESS
@@ -90,7 +90,7 @@ def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
         rr.TimeColumn(STEP, sequence=numbers + [max(numbers, default=0)] * (len(lines) - len(numbers))),
     ]
     levels, texts, colors = zip(*lines, strict=True)
-    yield timed("/planner/log", times, make_columns(rr.TextLog, level=levels, text=texts, color=colors))
+    yield timed_chunk("/planner/log", times, make_columns(rr.TextLog, level=levels, text=texts, color=colors))
 
 
 def step_points(log: EventLog, tip: np.ndarray, size: float) -> Iterator[Chunk]:
@@ -100,7 +100,7 @@ def step_points(log: EventLog, tip: np.ndarray, size: float) -> Iterator[Chunk]:
     if colors:
         times = [rr.TimeColumn(STEP, sequence=[number for number, _ in steps])]
         radii = np.full(len(tip), POINT_RADIUS * size)
-        yield timed("/planner/tip", times, make_columns(rr.Points3D, positions=tip, colors=colors, radii=radii))
+        yield timed_chunk("/planner/tip", times, make_columns(rr.Points3D, positions=tip, colors=colors, radii=radii))
 
 
 def _line(event: LoggedEvent, milliseconds: float, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
@@ -148,7 +148,7 @@ def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Ite
             colors=[TREE_COLOR] * len(strips),
             radii=np.full(len(strips), 0.001 * group.size),
         )
-        yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns)
+        yield timed_chunk("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns)
 
 
 def tree_edges(group: PlanningGroup, points: LocalPoints, parents: np.ndarray) -> np.ndarray:
@@ -158,7 +158,7 @@ def tree_edges(group: PlanningGroup, points: LocalPoints, parents: np.ndarray) -
     return np.stack([tips[parents[children]], tips[children]], axis=1)
 
 
-def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> Iterator[Chunk]:
+def draw_relaxed_paths(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> Iterator[Chunk]:
     """Draw the tip's path along a motion after steps of its optimisation, each with its number on the timeline."""
     if not paths:
         return
@@ -174,7 +174,7 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
         colors=[OPTIMIZE_COLOR] * len(strips),
         radii=np.full(len(strips), 0.003 * group.size),
     )
-    yield timed("/planner/relaxed", [times], columns)
+    yield timed_chunk("/planner/relaxed", [times], columns)
 
 
 def _tips(group: PlanningGroup, points: LocalPoints) -> np.ndarray:
@@ -225,7 +225,7 @@ def _draw_closest_pair(profile: ClearanceProfile, size: float) -> Chunk:
         labels=labels,
         radii=np.full(int(there.sum()), 0.003 * size),
     )
-    return timed("/path/closest_pair", [path_times(profile.times)], columns)
+    return timed_chunk("/path/closest_pair", [path_times(profile.times)], columns)
 
 
 def _plot_joints(group: PlanningGroup, motion: ShownMotion, trajectory: Trajectory | None) -> Iterator[Chunk]:
@@ -281,7 +281,9 @@ def _curves(
 
 
 def _values(path: str, times: rr.TimeColumn, values: np.ndarray) -> Chunk:
-    return timed(path, [times], make_columns(rr.Scalars, np.full(len(values), values.shape[1]), scalars=values.ravel()))
+    return timed_chunk(
+        path, [times], make_columns(rr.Scalars, np.full(len(values), values.shape[1]), scalars=values.ravel())
+    )
 
 
 @memoized_by_value(256)
@@ -427,11 +429,11 @@ class _MotionView:
 def _planning(
     group: PlanningGroup, log: EventLog, reply: PlanReply, start: Configuration, links: Sequence[str]
 ) -> Iterator[Chunk]:
-    steps, numbered = log.steps(), list(log.numbered())
+    steps, numbered = log.steps(), list(log.number_events())
     yield from text_log(log, reply)
     yield from _plot_step_potential(steps)
     yield from trees(group, [(n, event) for n, event in numbered if isinstance(event, LoggedTrees)])
-    yield from relaxed(group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
+    yield from draw_relaxed_paths(group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
     rows = evenly(len(steps), MOST_FRAMES)
     times, qs = [steps[index][0] for index in rows], [steps[index][1].q for index in rows]
     if not steps:  # trees and optimised motions are shown without the robot, which waits at its start

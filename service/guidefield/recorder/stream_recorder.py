@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from guidefield.recorder import bodies, entities, surface
-from guidefield.recorder.chunks import PATH_TIME, encode_recording, from_time, make_columns, path_times, timed
+from guidefield.recorder.chunks import PATH_TIME, encode_recording, from_time, make_columns, path_times, timed_chunk
 from guidefield.recorder.motion import configurations_of, poses
 from guidefield.recorder.view import SWITCHED_OFF, Eye, blueprint, choose_eye, scene_view
 from guidefield.robot.group.group import PlanningGroup
@@ -87,11 +87,11 @@ def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
     lines = np.stack([now, stops], axis=1)
     count = len(motion.times)
     points = make_columns(rr.Points3D, positions=stops, colors=[STOP_COLOR] * count, radii=[0.012 * group.size] * count)
-    yield timed("/path/stop", times, points)
+    yield timed_chunk("/path/stop", times, points)
     strips = make_columns(
         rr.LineStrips3D, strips=lines, colors=[STOP_COLOR] * count, radii=[0.003 * group.size] * count
     )
-    yield timed("/path/to_stop", times, strips)
+    yield timed_chunk("/path/to_stop", times, strips)
 
 
 def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
@@ -104,18 +104,18 @@ def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
     for time in one.appears.tolist():
         yield from_time(path, time, drawn)
     if len(one.gone):
-        yield timed(path, [path_times(one.gone)], make_columns(rr.Clear, is_recursive=[False] * len(one.gone)))
+        yield timed_chunk(path, [path_times(one.gone)], make_columns(rr.Clear, is_recursive=[False] * len(one.gone)))
     if len(one.times):
         columns = make_columns(rr.Transform3D, translation=one.placements[:, :3], quaternion=one.placements[:, 3:])
-        yield timed(path, [path_times(one.times)], columns)
+        yield timed_chunk(path, [path_times(one.times)], columns)
 
 
 def _figures(motion: StreamMotion) -> Iterator[Chunk]:
     for (path, _), values in zip(PLOTS, (motion.horizon, 1e3 * motion.latency), strict=True):
-        yield timed(path, [path_times(motion.times)], make_columns(rr.Scalars, scalars=values))
+        yield timed_chunk(path, [path_times(motion.times)], make_columns(rr.Scalars, scalars=values))
     if motion.reasons:
         times, texts = zip(*motion.reasons, strict=True)
-        yield timed("/stream/log", [path_times(np.array(times))], make_columns(rr.TextLog, text=texts))
+        yield timed_chunk("/stream/log", [path_times(np.array(times))], make_columns(rr.TextLog, text=texts))
 
 
 def _layout(eye: Eye) -> rrb.Blueprint:

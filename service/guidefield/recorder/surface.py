@@ -55,7 +55,7 @@ class Surface:
         """Return the surface with its vertices moved out along their normals [m]."""
         return Surface(self.vertices + np.float32(by) * self.normals, self.triangles, self.normals, self.colors)
 
-    def colored(self, color: Sequence[int]) -> Surface:
+    def with_color(self, color: Sequence[int]) -> Surface:
         """Return the surface in one colour (RGBA)."""
         colors = np.full((len(self.vertices), 4), color, np.uint8)
         return Surface(self.vertices, self.triangles, self.normals, colors)
@@ -119,7 +119,7 @@ def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> 
     for mesh in meshes:
         mesh.apply_scale(scale * mesh_files.unit_of(path))
     if not _same_extent(meshes, plain):
-        return shade(plain.vertices, plain.triangles).colored(GREY if override is None else override)
+        return shade(plain.vertices, plain.triangles).with_color(GREY if override is None else override)
     if override is None and any(_texture(mesh) is not None for mesh in meshes):
         return _as_glb(meshes)
     return join([_color_mesh(mesh, override) for mesh in meshes])
@@ -161,12 +161,12 @@ def _as_glb(meshes: list[trimesh.Trimesh]) -> bytes:
 
 def _color_mesh(mesh: trimesh.Trimesh, override: Sequence[int] | None) -> Surface:
     if override is not None:
-        return shade(mesh.vertices, mesh.faces).colored(override)
+        return shade(mesh.vertices, mesh.faces).with_color(override)
     visual = mesh.visual
     if isinstance(visual, trimesh.visual.TextureVisuals):
-        return shade(mesh.vertices, mesh.faces).colored(visual.material.main_color)
+        return shade(mesh.vertices, mesh.faces).with_color(visual.material.main_color)
     if visual.kind is None:
-        return shade(mesh.vertices, mesh.faces).colored(GREY)
+        return shade(mesh.vertices, mesh.faces).with_color(GREY)
     # Colours by face or by corner don't survive merging: flat shading leaves them unchanged.
     triangles = np.arange(3 * len(mesh.faces), dtype=np.uint32).reshape(-1, 3)
     by_face = visual.kind == "face"

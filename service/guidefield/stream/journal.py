@@ -82,7 +82,7 @@ class Updated(msgspec.Struct, frozen=True, tag="updated"):
         return cls(update, noted, took, wall, seconds, piece, state, error)
 
 
-class SoughtGoal(msgspec.Struct, frozen=True, tag="sought"):
+class GoalSearchBegun(msgspec.Struct, frozen=True, tag="sought"):
     """A search for configurations of a goal begins."""
 
     goal: StreamGoal
@@ -98,7 +98,7 @@ class Halted(msgspec.Struct, frozen=True, tag="halted"):
     """A client requested a stop."""
 
 
-Entry = Begun | Updated | SoughtGoal | Aimed | Halted
+Entry = Begun | Updated | GoalSearchBegun | Aimed | Halted
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=encode_part)
 _decoder = msgspec.msgpack.Decoder(Entry, dec_hook=decode_part)
@@ -141,7 +141,7 @@ class Journal(StreamWatcher):
         """An update came."""
         self._updated_at = time.monotonic()
 
-    def updated(
+    def end_update(
         self,
         update: StreamUpdate,
         answer: Piece | StreamState | None,
@@ -150,20 +150,20 @@ class Journal(StreamWatcher):
         noted: bool,
         took: bool,
     ) -> None:
-        """An update was worked on."""
+        """Take the outcome of an update."""
         now = time.monotonic()
         wall, seconds = self._updated_at - self._began, now - self._updated_at
         self._hand_over(Updated.of(update, answer, refused, noted=noted, took=took, wall=wall, seconds=seconds))
 
     def seek(self, goal: StreamGoal) -> None:
-        """Configurations of a goal are looked for."""
-        self._hand_over(SoughtGoal(goal))
+        """Record that a search for a goal begins."""
+        self._hand_over(GoalSearchBegun(goal))
 
-    def aimed(self, number: int | None) -> None:
-        """The goal is another one."""
+    def change_goal(self, number: int | None) -> None:
+        """Record the number of another goal."""
         self._hand_over(Aimed(number))
 
-    def halted(self) -> None:
+    def halt(self) -> None:
         """Record a request to stop."""
         self._hand_over(Halted())
 
@@ -369,7 +369,7 @@ def _replay_entries(stream: CertifiedStream, entries: Sequence[Entry]) -> Replay
     searches: dict[int, GoalSearch] = {}
     updates = pieces = 0
     for entry in entries:
-        if isinstance(entry, SoughtGoal):
+        if isinstance(entry, GoalSearchBegun):
             one = stream.seek(entry.goal)
             searches[one.number] = one
         elif isinstance(entry, Aimed):

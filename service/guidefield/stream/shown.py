@@ -303,7 +303,7 @@ class LiveStream(StreamWatcher):
         """An update came."""
         self._began = time.monotonic()
 
-    def updated(
+    def end_update(
         self,
         update: StreamUpdate,
         answer: Piece | StreamState | None,
@@ -312,7 +312,7 @@ class LiveStream(StreamWatcher):
         noted: bool,
         took: bool,
     ) -> None:
-        """An update was worked on; a few times a second all of them are sent."""
+        """Take the outcome of an update; a few times a second all of them are sent."""
         now = time.monotonic()
         if self._has_given_up:
             return

@@ -224,9 +224,9 @@ class StreamWatcher:
     """A watcher of a stream that does nothing; methods of others may not take long, or raise."""
 
     def begin_update(self) -> None:
-        """An update came, and is worked on."""
+        """Note that work on an update begins."""
 
-    def updated(
+    def end_update(
         self,
         update: StreamUpdate,
         answer: Piece | StreamState | None,
@@ -235,20 +235,20 @@ class StreamWatcher:
         noted: bool,
         took: bool,
     ) -> None:
-        """An update was worked on.
+        """Take the outcome of an update.
 
         Args:
             answer: None where it was noted, or refused.
         """
 
     def seek(self, goal: StreamGoal) -> None:
-        """A search for configurations of a goal begins."""
+        """Note that a search for configurations of a goal begins."""
 
-    def aimed(self, number: int | None) -> None:
-        """The goal is another one: that of the n-th search; None: to stand."""
+    def change_goal(self, number: int | None) -> None:
+        """Note that the goal is another one: that of the n-th search; None: to stand."""
 
-    def halted(self) -> None:
-        """Record a request to stop."""
+    def halt(self) -> None:
+        """Note a request to stop."""
 
     def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
         """A snapshot can be taken; a path that is being planned is given up then, and planned again."""
@@ -267,5 +267,5 @@ class Watchers(StreamWatcher):
 
             return tell_each
 
-        for name in ("begin_update", "updated", "seek", "aimed", "halted", "may_rest"):
+        for name in ("begin_update", "end_update", "seek", "change_goal", "halt", "may_rest"):
             setattr(self, name, tell(name))

@@ -202,14 +202,14 @@ class CertifiedStream:
         if search is not None:
             self._seeking -= 1
         goals = None if search is None else search.found.result()
-        self._watching.aimed(None if search is None else search.number)
+        self._watching.change_goal(None if search is None else search.number)
         self._state.aim(goals)
         return self._state.goal
 
     def stop(self) -> None:
         """Have no piece follow the last one, until there is a goal again: the robot stops."""
         self._state.enter(Event.STOP)
-        self._watching.halted()
+        self._watching.halt()
 
     def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> Piece | StreamState:
         """Tell what is seen, and get the next piece, or why there is none.
@@ -233,9 +233,9 @@ class CertifiedStream:
         try:
             answer = work(update)
         except GuidefieldError as error:
-            self._watching.updated(update, None, error, noted=noted, took=self._has_taken(ordered))
+            self._watching.end_update(update, None, error, noted=noted, took=self._has_taken(ordered))
             raise
-        self._watching.updated(update, answer, None, noted=noted, took=self._has_taken(ordered))
+        self._watching.end_update(update, answer, None, noted=noted, took=self._has_taken(ordered))
         self._rest_if_wanted()
         return answer
 

@@ -27,7 +27,7 @@ class Waypoint:
     radius: float
     tip_plane: None = None
 
-    def missed(self, zs: np.ndarray) -> np.ndarray:
+    def misses(self, zs: np.ndarray) -> np.ndarray:
         return np.maximum(np.linalg.norm(zs - self.point, axis=1) - self.radius, 0.0)[:, None]
 
     def rows(self, z: np.ndarray) -> np.ndarray:
@@ -46,7 +46,7 @@ def curve(seed: int, nv: int = 3) -> BSpline:
 def least(spline: BSpline, place: Waypoint, about: float, window: float = 1.0) -> float:
     """Half the square of what is missed at least next to a place, by dense samples."""
     dense = np.clip(np.linspace(about - window, about + window, 2_001), 0.0, spline.pieces)
-    return 0.5 * float((place.missed(spline.at(dense)) ** 2).sum(axis=1).min())
+    return 0.5 * float((place.misses(spline.at(dense)) ** 2).sum(axis=1).min())
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -95,7 +95,7 @@ def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, 
     found = move_onto_places(spline, passages, places, np.ones(spline.points.shape[1]))
     moved, reached = found
     for passage, where in zip(passages, reached, strict=True):
-        assert passage.place.missed(moved.at(np.array([where]))).max() <= REACHED
+        assert passage.place.misses(moved.at(np.array([where]))).max() <= REACHED
     np.testing.assert_array_equal(moved.points[:3], spline.points[:3])
     np.testing.assert_array_equal(moved.points[-3:], spline.points[-3:])
 
@@ -131,7 +131,7 @@ def test_its_rows_are_finite_differences_of_what_is_missed(name: str, shift: flo
     place = PlanePlace(made_for, plane_through(tip + 0.01, shift=shift), 0.03)
     step = 1e-6
     moved = step * np.eye(len(z))
-    differences = (place.missed(z + moved) - place.missed(z - moved)).T / (2.0 * step)
+    differences = (place.misses(z + moved) - place.misses(z - moved)).T / (2.0 * step)
     np.testing.assert_allclose(place.rows(z), differences, atol=1e-7)
 
 
@@ -141,7 +141,7 @@ def test_nothing_is_missed_exactly_where_the_tip_is_on_the_inset_polygon(name: s
     rng = np.random.default_rng(4)
     for shift in np.linspace(-1.5, 1.5, 13):
         place = PlanePlace(made_for, plane_through(tip + 1e-3 * rng.normal(), shift=shift), 0.02)
-        missed = place.missed(z[None])[0]
+        missed = place.misses(z[None])[0]
         assert abs(missed[0]) == pytest.approx(abs(place.plane.signed_height(tip)), abs=1e-12)
         assert (missed[1:] == 0.0).all() == place.plane.contains(tip, place.inset)
         assert np.linalg.norm(missed) == pytest.approx(place.plane.distance(tip, place.inset), abs=1e-9)
@@ -154,8 +154,8 @@ class Plainly:
     place: PlanePlace
     tip_plane: None = None
 
-    def missed(self, zs: np.ndarray) -> np.ndarray:
-        return self.place.missed(zs)
+    def misses(self, zs: np.ndarray) -> np.ndarray:
+        return self.place.misses(zs)
 
     def rows(self, z: np.ndarray) -> np.ndarray:
         return self.place.rows(z)

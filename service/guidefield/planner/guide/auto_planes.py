@@ -37,7 +37,7 @@ MOST_POINTS = 2_000_000  # points of the grid, in memory: it is made coarser whe
 LEAST_RADIUS = 0.005  # radius of a tip whose joint carries no body: it passes any gap that the grid sees [m]
 MOST_BETWEEN = 1000  # points that are examined between the start and a goal in its cell of the grid, at most. A choice
 AROUND = 0.3  # distance by which the grid extends beyond obstacles, start and goal [m]. Unrecorded
-# clearance at which a path costs twice its length [m]: paths with much of it are looked for first. Unrecorded
+# clearance at which a path costs twice its length [m]: the search prefers paths with much of it. Unrecorded
 COMFORTS = (0.2, 0.1, 0.05, 0.02)
 LEAST_AMPLE = 0.1  # clearance that counts even where an end is in a narrower tube [m]. Unrecorded
 SMOOTHINGS = 8  # how often the path is drawn straight and pushed off the obstacles. Unrecorded

@@ -417,7 +417,7 @@ class PenalizedObjective(ReadOnly):
         )
         return (BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else spline), gained
 
-    def stepped(
+    def find_lower(
         self, evaluation: Evaluation, spline: BSpline, before: float, limit_weight: float
     ) -> tuple[Evaluation, float] | None:
         """Evaluate a motion of a lower objective, the one given or one closer to the last; None if none is found.

@@ -377,7 +377,7 @@ class _Descending:
                 ahead, promised = descent.lower(evaluation, limit_weight)
                 if promised <= worth * abs(cost):
                     break
-                stepped, ahead = descent.stepped(evaluation, ahead, cost, limit_weight), evaluation.spline
+                stepped, ahead = descent.find_lower(evaluation, ahead, cost, limit_weight), evaluation.spline
                 if stepped is None:
                     break
                 before, (evaluation, cost) = cost, stepped

@@ -73,7 +73,7 @@ class PlanePlace:
         read_only(*rows)
         return TipPlane(self.problem.kinematics.tip, *rows)
 
-    def missed(self, zs: LocalPoints) -> np.ndarray:
+    def misses(self, zs: LocalPoints) -> np.ndarray:
         """As in `Place`, shape (n, 1 + edges)."""
         directions, offsets = self._heights
         missed: np.ndarray = (self.problem.kinematics.tip_positions(zs) - self.plane.flat.origin) @ directions - offsets
@@ -95,7 +95,7 @@ class PlanePlace:
     def rows(self, z: LocalPoint) -> np.ndarray:
         """As in `Place`, shape (1 + edges, nv); zero for an edge that the tip is inside of."""
         rows: np.ndarray = self._heights[0].T @ self.problem.kinematics.tip_slopes(z)
-        rows[1:][self.missed(z[None])[0, 1:] >= 0.0] = 0.0
+        rows[1:][self.misses(z[None])[0, 1:] >= 0.0] = 0.0
         return rows
 
 
@@ -110,7 +110,7 @@ class Place(Protocol):
     def tip_plane(self) -> TipPlane | None:
         """The same as kernels read it, if it is a plane that the tip crosses."""
 
-    def missed(self, zs: LocalPoints) -> np.ndarray:
+    def misses(self, zs: LocalPoints) -> np.ndarray:
         """The misses of points (n, nv) from the place, shape (n, k): zero where they are there [m or rad]."""
         ...
 
@@ -152,7 +152,7 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
         return found
     for _ in range(SHIFTS):
         at = np.minimum(np.maximum(about + spacing * _AROUND, 0.0), float(spline.pieces))
-        missed = place.missed(spline.at(at))
+        missed = place.misses(spline.at(at))
         squares = np.einsum("nk,nk->n", missed, missed)
         if squares[_MIDDLE] == 0.0:
             return float(at[_MIDDLE])
@@ -193,7 +193,7 @@ def add_passage(
         )
         return value
     z, slope = spline.at(where)[0], spline.slopes(where)[0]
-    missed, rows = place.missed(z[None])[0], place.rows(z)
+    missed, rows = place.misses(z[None])[0], place.rows(z)
     a = rows @ slope
     held = rows - np.outer(a, a @ rows) / (a @ a + crossing**2)
     (piece,), t = spline.piece_of(where)
@@ -228,7 +228,7 @@ def _move_onto(place: Place, spline: BSpline, at: float, sizes: np.ndarray) -> t
     """The motion with control points about a place moved least to be there to first order; what it missed."""
     where = np.array([at])
     z = spline.at(where)[0]
-    missed = place.missed(z[None])[0]
+    missed = place.misses(z[None])[0]
     (piece,), t = spline.piece_of(where)
     inner = np.clip(piece + np.arange(4), ENDS, len(spline.points) - ENDS - 1) == piece + np.arange(4)
     shares = np.where(inner, basis(t)[0], 0.0)

@@ -105,7 +105,7 @@ class CartesianLine:
         sideways: np.ndarray = away - self.direction * (self.direction @ away)
         return sideways
 
-    def turned(self, placement: Any) -> float:
+    def measure_turn(self, placement: Any) -> float:
         """Angle between a placement (pinocchio.SE3) and the line's at its share [rad]."""
         return float(np.linalg.norm(pin.log3(placement.rotation @ self.at(self.share(placement)).rotation.T)))
 
@@ -287,7 +287,7 @@ class _Frame:
         line = self._line
         share = 0.0 if line.is_point else line.share(placement)
         beyond = max(-share, share - 1.0, 0.0) * line.length
-        return Deviation(float(np.linalg.norm(line.sideways(placement))), beyond, line.turned(placement))
+        return Deviation(float(np.linalg.norm(line.sideways(placement))), beyond, line.measure_turn(placement))
 
     def bounds(self, controls: Sequence[LocalPoints]) -> list[Deviation]:
         """Bounds of the frame's deviation from its line on each of some Bezier curves, control points (k, nv)."""
@@ -336,14 +336,14 @@ def straight_plan(problem: Problem, line: CartesianLine) -> Plan:
     """Plan a motion along a straight line; no other path is searched for."""
     stages, still = Stages(problem), without_movers(problem)
     try:
-        with stages.entered("ends", "start and straight way") as stage:
+        with stages.enter("ends", "start and straight way") as stage:
             check_start(problem.at(0.0))
             stage.outcome = "the start is free"
     except StageFailed as failed:
         return _make_failed_plan(problem.at(0.0), problem.z_start[None], failed.ending, stages)
     places = _choose_places(line)
     for attempt in range(DENSER + 1):
-        with stages.entered("connect", "along the straight way") as stage:
+        with stages.enter("connect", "along the straight way") as stage:
             path, stop = follow_line(problem, line, places)
             stage.outcome = (
                 "reached" if stop is None else f"stopped at {format_rounded_down(100.0 * stop.share, 0.1)} % of the way"
@@ -352,10 +352,10 @@ def straight_plan(problem: Problem, line: CartesianLine) -> Plan:
             return _make_failed_plan(
                 still, path, _find_stop_ending(problem, stage.outcome) or make_stop_ending(problem, line, stop), stages
             )
-        with stages.entered("parameterize", "as fast as the limits allow") as stage:
+        with stages.enter("parameterize", "as fast as the limits allow") as stage:
             trajectory = time_path(problem, path, 2**attempt)
             stage.outcome = f"{trajectory.duration:.3f} s"
-        with stages.entered("certify", "on the exact geometry and on the straight way, between samples too") as stage:
+        with stages.enter("certify", "on the exact geometry and on the straight way, between samples too") as stage:
             verdict = certify_from_start(still, trajectory, problem.deadline)
             if verdict.free:
                 verdict = _certify_straightness(still, line, trajectory.bezier())

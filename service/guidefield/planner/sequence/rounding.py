@@ -80,14 +80,14 @@ def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: 
     sections, settings = _sections(problem, parts), _choose_settings(problem, parts, first.motion)
     best: JoinedMotion | None = None
     for _ in range(OPTIMIZED_TRIES):
-        with stages.entered("relax", f"past the goals, shape and time together, {problem.objective.value}") as stage:
+        with stages.enter("relax", f"past the goals, shape and time together, {problem.objective.value}") as stage:
             optimized = optimize(problem, first.motion, settings, (), passages, sections)
             stage.outcome = optimized.outcome.value
         joined = (
             None if optimized.outcome is Outcome.NOT_PASSING else _join(optimized.trajectory, optimized.passed, parts)
         )
         if joined is not None:
-            with stages.entered("certify", "between the goals and past them, between samples too") as stage:
+            with stages.enter("certify", "between the goals and past them, between samples too") as stage:
                 fault = find_refused_part(parts, joined)
                 stage.outcome = "free" if fault is None else fault[1].reason.value
             if fault is None:
@@ -317,12 +317,12 @@ def round_motion(parts: Sequence[StepPart], stages: Stages) -> tuple[JoinedMotio
     radii, density = [goal.radius for goal in goals], 1
     problem = find_slowest(parts)
     for _ in range(TRIES):
-        with stages.entered("parameterize", "past the goals, as fast as the limits allow") as stage:
+        with stages.enter("parameterize", "past the goals, as fast as the limits allow") as stage:
             path = round_corners(curves, goals, radii, SPACING / density)
             motion = time_path(problem, path.path, density)
             joined = JoinedMotion(motion, find_passages(motion, path, goals))
             stage.outcome = f"{motion.duration:.3f} s"
-        with stages.entered("certify", "between the goals and past them, between samples too") as stage:
+        with stages.enter("certify", "between the goals and past them, between samples too") as stage:
             fault = find_refused_part(parts, joined)
             stage.outcome = "free" if fault is None else fault[1].reason.value
         if fault is None:
@@ -394,7 +394,7 @@ def _retime(parts: Sequence[StepPart], joined: JoinedMotion, stages: Stages) -> 
     if found is None or found[0].duration >= joined.motion.duration:
         return None
     made = _join(found[0], [found[1][k] for k in crossed.passage_planes], parts)
-    with stages.entered("certify", "the same, timed anew for limits of the whole") as stage:
+    with stages.enter("certify", "the same, timed anew for limits of the whole") as stage:
         fault = find_refused_part(parts, made)
         stage.outcome = "free" if fault is None else fault[1].reason.value
     return made if fault is None else None

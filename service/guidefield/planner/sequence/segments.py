@@ -291,7 +291,7 @@ class PassedGoal(ReadOnly):
         here = self.placement
         return np.array([_distances(here, self._tip(z)) for z in zs])
 
-    def missed(self, zs: LocalPoints) -> np.ndarray:
+    def misses(self, zs: LocalPoints) -> np.ndarray:
         """Distances of local coordinates (k, nv) beyond the radius, as a place that a motion passes.
 
         Of a pose how far the tip is away and turned, shape (k, 2); else each coordinate, shape (k, nv).
@@ -305,7 +305,7 @@ class PassedGoal(ReadOnly):
 
     def rows(self, z: LocalPoint) -> np.ndarray:
         """The derivative of `missed` by local coordinates z (nv,), shape (2, nv) or (nv, nv)."""
-        missed = self.missed(z[None])[0]
+        missed = self.misses(z[None])[0]
         if not self.is_of_tip:
             return np.diag(np.where(missed > 0.0, np.sign(z - self.z), 0.0))
         group, here, there = self.problem.group, self.placement, self._tip(z)

@@ -240,7 +240,7 @@ class _SequencePlanning(Generic[S]):
         drawn: DrawnMotion | None = None
         ended = Ending(Status.SUCCESS, "found a motion through all steps and certified it free over its whole length")
         stages = Stages(self._legs[0].conditions)
-        with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
+        with stages.enter("certify", "all steps as one motion, each with what is held then") as stage:
             trajectory, segments, permissions = self._parts()
             deadline = self._deadline.at_least(CERTIFY_GRACE_S)
             segment_verdicts: Iterable[Verdict] = (certify_segment(segment, deadline)[0] for segment in segments)

@@ -138,7 +138,7 @@ class EffortLimit(ReadOnly):
     limits: LocalRate  # of each coordinate, shape (nv,); infinite where there is none [N m or N]
     names: tuple[str, ...]  # of the coordinates
 
-    def scaled(self, share: float) -> EffortLimit:
+    def scale(self, share: float) -> EffortLimit:
         """As in `MotionLimit`."""
         return replace(self, limits=cast(LocalRate, share * self.limits))
 
@@ -239,7 +239,7 @@ class Efforts:
     energy: float = 0.0  # [J]
 
     @property
-    def exceeded(self) -> EffortUse | None:
+    def excess(self) -> EffortUse | None:
         """The joint that exceeds its limit by the largest share; None if none does."""
         return max(
             (use for use in self.uses if use.exceeds), key=lambda use: use.reached.bound / use.limit, default=None

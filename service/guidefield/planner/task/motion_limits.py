@@ -60,7 +60,7 @@ class CurveLimits(NamedTuple):
 class MotionLimit(Protocol):
     """A limit of what a motion does as a whole, beside those of each coordinate's rates."""
 
-    def scaled(self, share: float) -> MotionLimit:
+    def scale(self, share: float) -> MotionLimit:
         """A share of the limit."""
 
     def stretch(self, motion: MotionPolynomials) -> float:
@@ -88,7 +88,7 @@ class CartesianLimit(ReadOnly):
     speed: float  # [m/s]
     acceleration: float = math.inf  # [m/s²]
 
-    def scaled(self, share: float) -> CartesianLimit:
+    def scale(self, share: float) -> CartesianLimit:
         """A share of the limit."""
         return replace(self, speed=share * self.speed, acceleration=share * self.acceleration)
 
@@ -243,7 +243,7 @@ class CartesianUse:
     acceleration: Reached
 
     @property
-    def exceeded(self) -> tuple[str, str, Reached, float] | None:
+    def excess(self) -> tuple[str, str, Reached, float] | None:
         """The rate that exceeds its limit by the larger share: its name, its unit, what is reached, the limit."""
         limit = self.limit
         both = [
@@ -255,8 +255,8 @@ class CartesianUse:
 
     def describe_excess(self, place: str) -> tuple[str, dict[str, Any]]:
         """The excess as a sentence and values; `place` is where it is, in words."""
-        assert self.exceeded is not None, "it exceeds a limit"
-        name, unit, reached, most = self.exceeded
+        assert self.excess is not None, "it exceeds a limit"
+        name, unit, reached, most = self.excess
         kind = "link" if self.limit.is_link else "frame"
         message = (
             f"{kind} {self.limit.name!r} reaches {reached.bound:.6g} {unit}, its limit is {most:g} {unit}, at {place}"

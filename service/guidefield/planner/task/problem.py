@@ -149,7 +149,7 @@ class Conditions(ReadOnly):
         limits: list[MotionLimit] = [*self.cartesian_limits, *([self.effort_limit] if self.effort_limit else [])]
         if self.execution is None or self.execution.interpolation is Interpolation.CUBIC:
             return tuple(limits)
-        return tuple(one.scaled(DRAWN) for one in limits)
+        return tuple(one.scale(DRAWN) for one in limits)
 
     @property
     def outside_proof(self) -> str:

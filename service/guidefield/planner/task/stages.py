@@ -138,7 +138,7 @@ class Stages:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
-    def entered(self, name: str, message: str, plane: int | None = None) -> Iterator[Stage]:
+    def enter(self, name: str, message: str, plane: int | None = None) -> Iterator[Stage]:
         """Run a stage: its time is counted under its name, and its end is reported however it ends."""
         begin = working_time() if self._within else self._ended
         self._conditions.tell(StageEntered(name, message))

@@ -172,9 +172,9 @@ class EventLog:
 
     def steps(self) -> list[tuple[int, Step]]:
         """The accepted steps, each with its number on the timeline of steps."""
-        return [(number, event) for number, event in self.numbered() if isinstance(event, Step)]
+        return [(number, event) for number, event in self.number_events() if isinstance(event, Step)]
 
-    def numbered(self) -> Iterator[tuple[int, LoggedEvent]]:
+    def number_events(self) -> Iterator[tuple[int, LoggedEvent]]:
         """Each event with its number on the timeline: that of the last step before it, its own if it is one."""
         number = -1
         for event in self.events:
