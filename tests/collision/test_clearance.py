@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.clearance import clearance_at, enclosed
+from guidefield.collision.clearance import clearance_at, find_enclosed_pair
 from guidefield.geometry import cache
 from guidefield.geometry.convex import bvh
 from guidefield.kernels.jit.cache import cache_folder
@@ -86,8 +86,8 @@ def test_a_robot_inside_a_solid_mesh_touches_nothing_but_is_enclosed():
     around = mesh_message(4.0 * vertices, triangles, position=(-1.5, -1.5, -1.0))
     world = world_of(arm, [box("far", (0.1, 0.1, 0.1), (3, 0, 0)), around])
     assert not world.in_collision(rest(arm))
-    assert enclosed(world, rest(arm)) is not None
-    assert enclosed(world, rest(arm))[1] == "m"
+    assert find_enclosed_pair(world, rest(arm)) is not None
+    assert find_enclosed_pair(world, rest(arm))[1] == "m"
 
 
 def test_a_robot_in_the_notch_is_not_enclosed():
@@ -96,15 +96,15 @@ def test_a_robot_in_the_notch_is_not_enclosed():
     beside = mesh_message(4.0 * vertices, triangles, position=(-6.0, -6.0, -1.0))
     world = world_of(arm, [beside])
     assert not world.in_collision(rest(arm))
-    assert enclosed(world, rest(arm)) is None
+    assert find_enclosed_pair(world, rest(arm)) is None
 
 
 def test_a_robot_in_a_hollow_is_free_and_one_in_its_wall_is_not():
     arm = group("panda")
-    assert enclosed(world_of(arm, [mesh_message(*room(5.0, 3.0))]), rest(arm)) is None
+    assert find_enclosed_pair(world_of(arm, [mesh_message(*room(5.0, 3.0))]), rest(arm)) is None
     walled = mesh_message(*room(9.0, 1.0), position=(0.0, 0.0, 2.8))
     assert not world_of(arm, [walled]).in_collision(rest(arm))
-    assert enclosed(world_of(arm, [walled]), rest(arm)) is not None
+    assert find_enclosed_pair(world_of(arm, [walled]), rest(arm)) is not None
 
 
 def test_a_robot_in_a_box_of_single_triangles_is_enclosed():
@@ -113,7 +113,7 @@ def test_a_robot_in_a_box_of_single_triangles_is_enclosed():
     corners = vertices[triangles].reshape(-1, 3)
     corners += np.random.default_rng(0).uniform(-5e-6, 5e-6, corners.shape)
     world = world_of(arm, [mesh_message(corners, np.arange(len(corners)).reshape(-1, 3))])
-    assert enclosed(world, rest(arm)) is not None
+    assert find_enclosed_pair(world, rest(arm)) is not None
     assert "cracks" in world.scene.warnings[0]
 
 
@@ -121,7 +121,7 @@ def test_an_open_mesh_encloses_nothing():
     arm = group("panda")
     vertices, triangles = box_mesh(6.0)
     world = world_of(arm, [mesh_message(vertices, triangles[1:])])
-    assert enclosed(world, rest(arm)) is None
+    assert find_enclosed_pair(world, rest(arm)) is None
 
 
 def test_an_obstacle_inside_a_robots_mesh_is_noticed():
@@ -137,4 +137,4 @@ def test_an_obstacle_inside_a_robots_mesh_is_noticed():
         pebble = messages.Sphere(name="pebble", radius=0.05, position=position)
         world = world_of(hollowed, [pebble])
         assert not world.in_collision(q)
-        assert (enclosed(world, q) is not None) is expected
+        assert (find_enclosed_pair(world, q) is not None) is expected

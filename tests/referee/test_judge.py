@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from guidefield import case_file
-from guidefield.collision.clearance import enclosed
+from guidefield.collision.clearance import find_enclosed_pair
 from guidefield.collision.world import World
 from guidefield.handlers.attached import HeldShape, add_held_links
 from guidefield.messages import scene as messages
@@ -48,7 +48,7 @@ def touched(drawn: Drawn) -> float | None:
     for now in np.linspace(0.0, motion.times[-1], SAMPLES):
         here = World.build(world.group, world.scene.at(now)) if world.scene.moves else world
         q = world.group.expand_from_local(trajectory.evaluate(np.array([now]))[0][0])
-        if here.in_collision(q) or enclosed(here, q):
+        if here.in_collision(q) or find_enclosed_pair(here, q):
             return float(now)
     return None
 
@@ -57,7 +57,7 @@ def certified(drawn: Drawn) -> bool:
     world, motion = drawn.motion.world, drawn.motion
     trajectory = Trajectory(motion.times, motion.positions, motion.velocities)
     begin = World.build(world.group, world.scene.at(0.0))
-    if enclosed(begin, world.group.expand_from_local(motion.positions[0])):
+    if find_enclosed_pair(begin, world.group.expand_from_local(motion.positions[0])):
         return False
     if world.scene.moves:
         timed = world

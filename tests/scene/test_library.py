@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.clearance import clearance_at, enclosed
+from guidefield.collision.clearance import clearance_at, find_enclosed_pair
 from guidefield.collision.world import World
 from guidefield.scene import obstacle_parts
 from guidefield.scene.scene import build
@@ -81,7 +81,7 @@ def test_the_ready_panda_keeps_ten_centimetres(name):
     panda = group("panda")
     world = World.build(panda, build(scenes.read_packaged(name)))
     assert clearance_at(world, rest(panda)).obstacle_distance > 0.1
-    assert enclosed(world, rest(panda)) is None
+    assert find_enclosed_pair(world, rest(panda)) is None
 
 
 @pytest.mark.parametrize("name", OURS)

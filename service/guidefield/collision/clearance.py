@@ -29,7 +29,7 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.joints import ModelConfiguration
 
 
-def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:
+def find_enclosed_pair(world: World, q: ModelConfiguration) -> PairNames | None:
     """Return the names of the first pair with one body wholly inside the other's closed mesh; None if there is none.
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
@@ -44,12 +44,12 @@ _ENCLOSURES = Answers[PairNames | None]()
 
 
 def find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
-    """Return `enclosed` at each of some configurations, together in less time; the robot is left anywhere."""
-    return [enclosed(world, q) for q in qs] if len(qs) == 1 else _find_enclosed_each(world, qs)
+    """Return `find_enclosed_pair` at each configuration, together in less time; the robot is left anywhere."""
+    return [find_enclosed_pair(world, q) for q in qs] if len(qs) == 1 else _find_enclosed_each(world, qs)
 
 
 def find_enclosed_pairs(world: World, qs: Sequence[ModelConfiguration], since: int = 0) -> Iterator[list[int]]:
-    """Yield for each configuration all pairs with one body wholly inside the other's closed mesh, as `enclosed`.
+    """Yield for each configuration all pairs with one body wholly inside the other's closed mesh.
 
     Pairs are given by ascending indices, from `since` on, and searched for lazily.
     """
@@ -223,7 +223,7 @@ def blocking_pairs(
             touching[names[pair]].append((there, pair))
         if pairs or world.held_contacts:
             continue
-        if (inside := enclosed(world, q)) is not None:
+        if (inside := find_enclosed_pair(world, q)) is not None:
             counts[inside] += 1
         elif clearance > 0.0 and (near := clearance_at(world, q)).obstacle_pair is not None:
             counts[near.obstacle_pair] += 1

@@ -49,7 +49,7 @@ class BoxTree(ReadOnly):
         boxes_above(nodes, firsts, CHILDREN)
         return cls(along, nodes, firsts)
 
-    def changed(self, rows: Rows, fresh: np.ndarray) -> BoxTree | None:
+    def update(self, rows: Rows, fresh: np.ndarray) -> BoxTree | None:
         """Return the tree after some boxes were replaced by (k, 6) [m]; None if building it anew takes less time."""
         if not rows.count or not rows.before:
             return None
@@ -133,14 +133,14 @@ class ObstacleBoxes(ReadOnly):
         endless, bounded = _split(own.halves)
         return cls(*own[:-1], endless, bounded, BoxTree.of(own.boxes[bounded] if len(endless) else own.boxes))
 
-    def changed(self, rows: Rows, own: OwnBoxes) -> ObstacleBoxes | None:
+    def update(self, rows: Rows, own: OwnBoxes) -> ObstacleBoxes | None:
         """Return the boxes after some obstacles were replaced by others with `own` boxes; None to build them anew."""
         halves, (others, finite) = rows.carry(self.halves, own.halves), _split(own.halves)
         if len(self.endless) or len(others):
             endless, bounded = _split(halves)
-            tree = self.tree.changed(rows.among(self.bounded, bounded), own.boxes[finite])
+            tree = self.tree.update(rows.among(self.bounded, bounded), own.boxes[finite])
         else:
-            endless, bounded, tree = others, np.arange(rows.count), self.tree.changed(rows, own.boxes)
+            endless, bounded, tree = others, np.arange(rows.count), self.tree.update(rows, own.boxes)
         if tree is None:
             return None
         return ObstacleBoxes(
@@ -194,7 +194,7 @@ def _split(halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _over(known: ObstacleBoxes, rows: Rows, scene: Scene) -> ObstacleBoxes | None:
-    return known.changed(rows, own_boxes([scene.obstacles[index] for index in rows.fresh]))
+    return known.update(rows, own_boxes([scene.obstacles[index] for index in rows.fresh]))
 
 
 @incremental(_over)

@@ -201,7 +201,7 @@ class World:
         Of bodies that are farther apart than `at_most` [m] at least that is returned, and no points.
 
         Coal measures a rounded body without its rounding, and so are the points. A body wholly inside a mesh has the
-        distance from its surface: see `clearance.enclosed`.
+        distance from its surface: see `clearance.find_enclosed_pair`.
         """
         first, second = self.pairs.of(pair)
         rounding = self.rounding(first) + self.rounding(second)

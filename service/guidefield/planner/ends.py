@@ -23,8 +23,8 @@ from guidefield.collision.clearance import (
     clearance_at,
     contacts_at,
     depth_of,
-    enclosed,
     find_enclosed_each,
+    find_enclosed_pair,
     find_touching_each,
 )
 from guidefield.collision.world import World
@@ -358,7 +358,7 @@ def find_end_fault(problem: Problem, z: LocalPoint) -> tuple[str, dict[str, Any]
             "depth": worst.depth,
             "pairs": [list(pair) for pair in pairs],
         }
-    inside = enclosed(problem.world, q)
+    inside = find_enclosed_pair(problem.world, q)
     if inside is not None:
         return f"{inside[0]} and {inside[1]}, one wholly inside the other", {"pair": list(inside), "depth": None}
     return None

@@ -66,7 +66,7 @@ def reach_among_movers(
     finished = finished or search.by_thorough_paths(through)
     if finished is not None:
         return finished
-    return search.failed()
+    return search.make_failure()
 
 
 def keep_schedule(
@@ -91,7 +91,7 @@ def keep_schedule(
         return finished
     assert finished.trajectory is not None, "it was certified"
     search = _Search(problem, finished.trajectory.positions[-1:], stages, also)
-    return search.schedule(finished, at_rest=at_rest) or search.failed()
+    return search.schedule(finished, at_rest=at_rest) or search.make_failure()
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class _Search:
                 return finished
         return None
 
-    def failed(self) -> CertifiedMotion:
+    def make_failure(self) -> CertifiedMotion:
         """The start alone, with the reason why there is no motion."""
         found = PathSoFar.at_start(self._problem).with_failure(self.why())
         return certify_found_path(self._problem.at(0.0), found, self._stages)

@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.clearance import Contact, clearance_at, contacts_at, enclosed
+from guidefield.collision.clearance import Contact, clearance_at, contacts_at, find_enclosed_pair
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import Status
@@ -278,7 +278,9 @@ def _judge_parts(parts: Sequence[tuple[Conditions, SubmittedMotion]], piece: int
         return _place_on_whole(leaving, 0, piece, 0.0, share)
     conditions, rest = after[0]
     time, z = rest.along(0, 0.0)[1], rest.start
-    if (inside := enclosed(conditions.world_at(time or 0.0), conditions.group.expand_from_local(z))) is not None:
+    if (
+        inside := find_enclosed_pair(conditions.world_at(time or 0.0), conditions.group.expand_from_local(z))
+    ) is not None:
         return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
     left = certify_given(conditions, rest, conditions.deadline)
     first = piece + 1 if share == 1.0 else piece

@@ -14,7 +14,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.clearance import enclosed
+from guidefield.collision.clearance import find_enclosed_pair
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
@@ -308,7 +308,7 @@ def find_enclosed_start(conditions: Conditions, z: LocalPoint, time: float = 0.0
     """
     world = conditions.world_at(time)
     q = conditions.group.expand_from_local(z)
-    inside = enclosed(world, q)  # fast for most worlds, so it comes first
+    inside = find_enclosed_pair(world, q)  # fast for most worlds, so it comes first
     if inside is None or world.in_collision(q):
         return None
     return Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), inside, z)

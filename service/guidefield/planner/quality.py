@@ -17,7 +17,7 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
-from guidefield.collision.clearance import ClearanceAt, enclosed
+from guidefield.collision.clearance import ClearanceAt, find_enclosed_pair
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.timing.travel import (
@@ -195,7 +195,7 @@ def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance
     ]
     start = world.group.expand_from_local(cast(LocalPoint, curve.pieces[0, 0]))
     # what is in the open at the start and touches nothing stays there
-    if min(one.distance for one in closest) <= 0.0 or enclosed(world_at(world, times[0]), start) is not None:
+    if min(one.distance for one in closest) <= 0.0 or find_enclosed_pair(world_at(world, times[0]), start) is not None:
         n_self, begins = world.pairs.n_self, np.array([*(begin for begin, _ in spans), times[0]])
         inside = enclosures_at(world, curve, begins, deadline)
         obstacles = [[pair for pair in pairs if pair >= n_self] for pairs in inside[:-1]]

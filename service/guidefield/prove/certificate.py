@@ -132,7 +132,7 @@ def certify(
     """Certify a motion among obstacles where they are at first, or as they move.
 
     Everything before a refusal is certified. Whether the robot is wholly inside a closed mesh at the start has to be
-    tested besides, by `collision.clearance.enclosed`. A piece on which a joint leaves its limits by more than
+    tested besides, by `collision.clearance.find_enclosed_pair`. A piece on which a joint leaves its limits by more than
     `LIMIT_TOLERANCE` is refused from its beginning.
 
     Args:

@@ -10,7 +10,7 @@ import pytest
 
 from guidefield.collision.batch.batch_collision import BatchCollision
 from guidefield.collision.batch.scene_tables import batch_scene, prepare_scene
-from guidefield.collision.clearance import clearance_at, enclosed
+from guidefield.collision.clearance import clearance_at, find_enclosed_pair
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.geometry import surfaces
@@ -152,7 +152,7 @@ def test_touching_is_what_coal_says(robot: str) -> None:
     by_coal = np.array([world.in_collision(world.group.expand_from_local(z)) for z in zs])
     assert 0.2 < by_coal.mean() < 0.9
     for z in zs[mine & ~by_coal]:  # Coal sees a link's surface: a ball may be wholly inside
-        assert narrowest(world, z) <= BAND or enclosed(world, world.group.expand_from_local(z)) is not None
+        assert narrowest(world, z) <= BAND or find_enclosed_pair(world, world.group.expand_from_local(z)) is not None
     assert not (by_coal & ~mine).any()
 
 
@@ -172,7 +172,10 @@ def test_close_to_contact_too(robot: str) -> None:
         by_coal = np.array([world.in_collision(world.group.expand_from_local(row)) for row in rows])
         assert not (by_coal & ~mine).any() or max(narrowest(world, row) for row in rows[by_coal & ~mine]) <= BAND
         for row in rows[mine & ~by_coal]:
-            assert narrowest(world, row) <= BAND or enclosed(world, world.group.expand_from_local(row)) is not None
+            assert (
+                narrowest(world, row) <= BAND
+                or find_enclosed_pair(world, world.group.expand_from_local(row)) is not None
+            )
 
 
 def test_a_clearance_is_kept() -> None:
@@ -201,7 +204,7 @@ def test_a_point_inside_a_link_is_told_though_it_touches_nothing() -> None:
             there = data.oMi[shape.parentJoint].act(shape.placement.act(point))
             dots = np.array([there, [9.0, 9.0, 9.0]])
             world = World.build(planned, build(messages.Scene(name="s", obstacles=[packed("dots", dots, 1e-5)])))
-            found = enclosed(world, q)
+            found = find_enclosed_pair(world, q)
             assert world.in_collision(q) or (found is not None and found[1] == "dots")
             told += found is not None
     assert told > 0

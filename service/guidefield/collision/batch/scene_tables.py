@@ -151,8 +151,8 @@ def _one_after_another(lengths: dict[str, int], *layouts: type) -> tuple[Arrays,
 MOST_SOLIDS = 512
 """A mesh of more solids is one tree of triangles, because each solid costs a millisecond before the first plan.
 
-Its convex solids then have no inside for SIMD batches, as others never have: `clearance.enclosed` alone finds bodies
-wholly inside.
+Its convex solids then have no inside for SIMD batches, as others never have: `clearance.find_enclosed_pair` alone
+finds bodies wholly inside.
 """
 
 
