@@ -1,7 +1,8 @@
 """All exceptions of guidefield, each with its wire code and the values of its message.
 
 Codes and class names are the wire and the public API; a new code needs a meaning in `messages/service.py` and advice in
-`mcp_server.py`. `endpoint/ros/refusals.py` maps our own codes, -101 and below, to MoveIt's.
+`mcp_server.py`. A code with an exception travels as an error, others are outcomes in replies; a new exception also goes
+into the package's `__all__`. `endpoint/ros/refusals.py` maps our own codes, -101 and below, to MoveIt's.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 SIMD batches, proofs and streams measure exact distances by these tables; columns are those of kernels/collide/parts.py,
 and parts have to be the shapes themselves. A further kind of shape needs branches in `PartsTable.add_shape`, kernels,
-entries in narrow_phase.py, distance_bodies.py, recorder/surface.py, for links also in link_bounds.py, link_charges.py.
+entries in narrow_phase.py, distance_bodies.py, prove/proof.py, recorder/surface.py, for links also in link_bounds.py
+and link_charges.py.
 """
 
 from __future__ import annotations

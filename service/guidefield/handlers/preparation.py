@@ -2,8 +2,9 @@
 
 Of a robot: bounding spheres, convex parts, trees of meshes, points on links. That takes about a second for an arm whose
 links are meshes, some seconds for a humanoid. Results are kept on disk (`geometry/cache.py`), so that a preparation
-that was stopped goes on where it was, in whatever process. What is missing here is made later, within the plan's own
-time; until then robots' replies lack spheres and parts, recordings spheres. Also crop a scene to the robot's reach.
+that was stopped goes on where it was, in whatever process. What a stopped preparation lacks is made within the
+plan's own time; until then robots' replies lack spheres and parts, recordings spheres. `keep` must follow all tasks of
+its search: shapes without a result then count as having none. Also crop a scene to the robot's reach.
 """
 
 from __future__ import annotations

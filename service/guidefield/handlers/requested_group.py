@@ -1,6 +1,7 @@
 """Read the parts of requests and streams that are about the planning group: start, limits, constraints, execution.
 
-Plans, steps, certify requests and streams share it: what is refused or clamped here is so in all of them.
+Plans, steps, certify requests and streams share it, streams `limit_group` and `start_of` alone: what these refuse or
+clamp is so in all of them.
 """
 
 from __future__ import annotations

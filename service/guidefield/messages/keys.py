@@ -1,8 +1,9 @@
 """The keys of a service: what each is for, takes and gives, and how the request of a query on it is decoded.
 
-A new key is a row in `KEYS` and a line in `_READERS`, which reads all keys with its first chunk and as many chunks;
-stream_requests.py reads those of streams. `KEYS` are in `info` and docs/wire.md: after a change, `tools/wire_page`.
-Heads repeat fields of requests, with defaults, so that a run can be queued before all of its request is decoded.
+A new key is a row in `KEYS`; if its queries have requests, also a line in `_READERS`, which reads all keys with its
+first chunk and as many chunks, but for those of streams (stream_requests.py). `KEYS` are in `info` and docs/wire.md:
+after a change, `tools/wire_page`. Heads repeat fields of requests, with defaults, so that a run can be queued before
+all of its request is decoded.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from guidefield.pool.waiting import Task
 from guidefield.system import processor_time, resident
 
 SOCKET_BUFFER_BYTES = 1 << 18  # size of the sockets' buffers, each way, and of one reading [bytes]
-READ_AT_ONCE = 1 << 20  # so much is read of one worker before the others have their turn [bytes]
+READ_AT_ONCE = 1 << 20  # read of one worker before others have their turn [bytes]; holds all of a dead one's last
 
 spawn = multiprocessing.get_context("spawn")
 

@@ -53,7 +53,9 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.joints import LocalPoint, LocalPoints, LocalRates
 
-KNOT_TOLERANCE = 1e-6  # times of permitted contacts become a knot's that is as close [s]: so much longer they may last
+# times of permitted contacts become a knot's that is as close [s]: contacts may last so much longer; with much less,
+# pieces get so short that their accelerations are rounding, and good plans fail
+KNOT_TOLERANCE = 1e-6
 
 STOPS = "to pass goals without stopping is no faster here, so the motion stops: `radius` is small for the limits"
 """Warning about steps that are not passed without stopping."""

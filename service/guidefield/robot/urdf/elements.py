@@ -287,7 +287,7 @@ SHAPES = {
 These are the shapes that Pinocchio's parser reads: it would lose any other.
 """
 
-THICKNESS = 2e-6  # thickness of a collision body that has none [m]; far below `POINT_EXTENT` of model/model.py
+THICKNESS = 2e-6  # thickness of a body that has none [m]; far below `POINT_EXTENT` of model.py, not below `NO_LENGTH`
 NO_LENGTH = 1e-9  # a length below this is zero, of a held object refused [m]: products of such lengths underflow
 
 NEVER_JUDGED = "a <visual> is never judged"
