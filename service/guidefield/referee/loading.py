@@ -1,7 +1,8 @@
 """Load cases from files, with the fields of docs/referee.md, which `case_file.py` writes.
 
 Pinocchio, Coal and Assimp read what a file declares: the referee takes no number of the certificate's. A new or changed
-field needs a new number: in `FORMATS` here and in proof.py, `FORMAT` there, on the page; earlier ones are still read.
+field needs a new number: in `FORMATS` here and in proof.py, `FORMAT` of case_file.py, on the page; earlier ones are
+still read.
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ the path, and jumps of rates, don't count.
 Bounds are those of each body as the world sees it, and of the two bodies of own pairs as some body between them sees
 them: distances are the same from anywhere. A short body that a joint turns beside a long one moves less than that does,
 seen from the long one. (Schwarzer, Saha and Latombe 2005 bound motions to first order.) Certificates and the pieces of
-streams rest on these bounds; the referee has formulas of its own.
+streams rest on these bounds; the referee has the same formulas in code of its own, and refuses proofs by tighter ones:
+change both, and docs/certificate.md.
 """
 
 from __future__ import annotations
