@@ -1,7 +1,7 @@
 """Read the parts of requests and streams that are about the planning group: start, limits, constraints, execution.
 
-Plans, steps, certify requests and streams share it, streams `limit_group` and `start_of` alone: what these refuse or
-clamp is so in all of them.
+Plans, steps and certify requests share it, and streams what is of limits and start (stream/opening.py): what is refused
+or clamped there is so in all of them.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 `LimitUses` checks limits of rates before. The judgement begins as a plan does: with a body wholly inside another,
 or a slight contact that may be left (`leaving.py`). Then certificates judge the motion among obstacles at rest and in
-motion, and its path constraints; of their refusals the first along the motion counts.
+motion, and its path constraints; of their refusals the first along the motion counts. handlers/certify.py words each
+refusal: a further check or reason needs a branch there.
 """
 
 from __future__ import annotations

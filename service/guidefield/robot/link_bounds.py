@@ -3,7 +3,7 @@
 SIMD batches test spheres and parts before the exact shapes (`collision/batch/robot_tables.py`). They may be coarser,
 but have to contain the shapes, and inscribed spheres to lie inside: `DELTA`, `LARGE`, `SMALL`, `TIGHT` and `MOST_PARTS`
 trade the time of the first use, and of every plan, against each other; streams' paths keep their distances from the
-spheres. A change in this file makes what is on disk anew; docs/robots.md states `DELTA` and what `LARGE` allows.
+spheres. A change in this file makes what is on disk anew.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Surfaces of links: charged points and capsules for the field, points and bodies for optimization.
 
 A shape's capsule contains the vertices of its surface by a margin for rounding, whatever the search finds, and so the
-shape: swept capsules prove motions by it. `ALWAYS_CLOSE` chooses which links repel each other. The other constants are
-numbers and spacings of points: more follow the shape closer, and all are evaluated. They change motions and potentials,
-not what is free.
+shape, of round ones with no fewer `_DIRECTIONS` and no `_RADII` below 1: swept capsules prove motions by it.
+`ALWAYS_CLOSE` chooses which links repel each other. The other constants are numbers and spacings of points: more follow
+the shape closer, and all are evaluated. They change motions and potentials, not what is free.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ from guidefield.kernels.simd.packing import pointed, unpacked
 # Within this of contact [m] either answer may come (`collision/batch/batch_collision.py`): more than the error of tests
 # in float32.
 BAND = 1e-5
-DECISION_BAND = 2e-6  # GJK's margin [m], within `BAND`: more than `gjk.ACCURACY`, and a placement's error in float32
+DECISION_BAND = 2e-6  # GJK's margin [m], within `BAND`: more than `gjk.ACCURACY`, and placements' errors; never less
 
 REACH, AXIS_AND_REACH = 3, 4
 """Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""

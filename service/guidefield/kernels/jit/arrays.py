@@ -1,7 +1,8 @@
 """Types of what kernels read and write, declared once for Python and for numba.
 
 A kernel's signature follows from its annotations. A type that changes here recompiles every kernel that has it, and
-needs arrays of that type and layout from all callers: others are refused.
+needs arrays of that type and layout from all callers: others are refused, but
+not in packed tuples (simd/packing.py).
 """
 
 from __future__ import annotations
