@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 DEFAULT_QUEUE = 64  # default number of requests that may wait; that of `guidefield serve --queue` must be the same
-DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]; `DUMP_TIME_S` of `cli/serving.py` bounds it
+DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]; see `DUMP_TIME_S` of `cli/serving.py`
 # both are in docs/service.md, and in docs/wire.md by rules.py: after a change, `tools/wire_page`
 LIVELINESS_TIMEOUT_S = 5.0  # longest time to ask for a service of the same name [s]; one that answers later isn't seen
 CLAIM_PERIOD_S = 0.05  # between two checks of who claims the same name [s]

@@ -5,7 +5,8 @@ stored anew. A change costs a line, however large the scene is; now and then bot
 made under a lock; reading needs none, because every line and file has the number of its version. `MAX_VERSIONS` last
 versions are kept (`messages/scene_changes.py`).
 
-The scenes that come with guidefield, by name: the files `guidefield/scenes/<name>.json`; a new one is found.
+The scenes that come with guidefield, by name: the files `scenes/<name>.json` of the checkout, `guidefield/scenes` of a
+wheel; a new one is found.
 """
 
 from __future__ import annotations
