@@ -1,7 +1,7 @@
 """The pairs of bodies that must stay apart, numbered but never listed, and the allowed pairs that may touch.
 
 The order (the robot's own pairs, then every moving body with every obstacle, but allowed pairs) numbers pairs for
-planner, kernels (`PairTable`) and prove/ alike; files name bodies instead.
+planner, kernels (`PairTable`), prove/ and stream/ alike, which makes numbers itself; files name bodies instead.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Smallest distances at samples: of a motion, as first answers of its search, and of single configurations.
 
 They are measured at places, and prove nothing in between. Small first answers let a search leave out more: constants
-but `LIST` change how soon it ends and where it finds a distance within the tolerance, not its verdict; in contact
-`STEPS` changes the depth that replies have. Parts are compiled into `search.py`: long ones are called once, in a loop.
+but `LIST` and `ALL_AT_ONCE` change how soon it ends and where it finds a distance within the tolerance, not its
+verdict; in contact `STEPS` changes the depth that replies have. Parts are compiled into `search.py`: long ones are
+called once, in a loop.
 
 At configurations `prove/closest.py` asks for the closest pairs, at most `CANDIDATES` of each kind: -1 and -2 among them
 mean "no more pairs" and "more than that".
