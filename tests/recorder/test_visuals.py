@@ -13,6 +13,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
+from PIL import EpsImagePlugin
 
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies import cover_spheres, visual_bodies
@@ -180,6 +181,7 @@ def test_a_file_that_trimesh_finds_empty_is_read_as_it_is_for_collisions():
 
 def test_a_texture_that_is_postscript_is_not_run(tmp_path, monkeypatch):
     """Pillow goes by content, and hands PostScript to Ghostscript, whatever a client called the file."""
+    monkeypatch.setattr(EpsImagePlugin, "gs_binary", None)
     program, ran = tmp_path / "gs", tmp_path / "ran"
     program.write_text(f"#!/bin/sh\ntouch {ran}\nexit 1\n")
     program.chmod(0o755)
@@ -193,3 +195,4 @@ def test_a_texture_that_is_postscript_is_not_run(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="Ghostscript"):
         surface.read_mesh(tmp_path / "a.obj", np.ones(3), None)
     assert not ran.exists()
+    assert EpsImagePlugin.gs_binary is None  # as before: others in this process may read such files

@@ -6,7 +6,9 @@ their files are named by a hash of it (`bodies.py`, `stored.py`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,7 +35,7 @@ SAME_EXTENT, SAME_AREA = 1e-3, 0.05
 TEXTURE_SIZE = 512  # longest side of a texture, in pixels
 GREY = (204, 204, 208, 255)  # colour of a body that has none of its own (RGBA)
 
-EpsImagePlugin.gs_binary = False  # textures that clients send are recognized by content: none runs Ghostscript
+_GHOSTSCRIPT = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +117,29 @@ def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> 
         plain = mesh_files.read_mesh(path, scale)
     except MeshFault as fault:
         raise ValueError(f"{path.name} {fault}") from None
-    meshes = _file_meshes(path)
-    for mesh in meshes:
-        mesh.apply_scale(scale * mesh_files.unit_of(path))
-    if not _same_extent(meshes, plain):
-        return shade(plain.vertices, plain.triangles).with_color(GREY if override is None else override)
-    if override is None and any(_texture(mesh) is not None for mesh in meshes):
-        return _as_glb(meshes)
-    return join([_color_mesh(mesh, override) for mesh in meshes])
+    with _without_ghostscript():
+        meshes = _file_meshes(path)
+        for mesh in meshes:
+            mesh.apply_scale(scale * mesh_files.unit_of(path))
+        if not _same_extent(meshes, plain):
+            return shade(plain.vertices, plain.triangles).with_color(GREY if override is None else override)
+        if override is None and any(_texture(mesh) is not None for mesh in meshes):
+            return _as_glb(meshes)
+        return join([_color_mesh(mesh, override) for mesh in meshes])
+
+
+@contextlib.contextmanager
+def _without_ghostscript() -> Iterator[None]:
+    """Keep Pillow from running textures that are PostScript, which it recognizes by content, whatever their name.
+
+    Only here: the process may be a user's, who reads such files elsewhere.
+    """
+    with _GHOSTSCRIPT:
+        before, EpsImagePlugin.gs_binary = EpsImagePlugin.gs_binary, False
+        try:
+            yield
+        finally:
+            EpsImagePlugin.gs_binary = before
 
 
 def _file_meshes(path: Path) -> list[trimesh.Trimesh]:

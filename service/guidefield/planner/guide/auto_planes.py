@@ -293,10 +293,12 @@ def _plane(tables: DistanceTables, path: TipPath, place: int, number: int) -> Gu
             break
         centre = moved
     corners = _merge_corners(find_free_section(tables, centre, across, path.size))
+    if len(corners) < 3:
+        return None
     vertices = [tuple(vertex) for vertex in (centre + corners @ across).tolist()]
     try:
         return build(messages.GuidePlane(name=f"GP-auto-{number}", vertices=vertices), number - 1)
-    except (SceneInvalid, ValueError):  # no area; fewer than three corners
+    except SceneInvalid:
         return None
 
 
